@@ -1,0 +1,20 @@
+"""Orchards and pairs of surveys made up with their truth.
+
+`simulate(Scene(missed=0.2), seed=0)` gives two surveys; `FAMILIES` names the conditions that tests and benchmarks use;
+`write_simulation` makes survey folders of them.
+"""
+
+from treereg_core.simulate.families import FAMILIES, Family, family_scene, simulate_family
+from treereg_core.simulate.scene import Scene
+from treereg_core.simulate.simulation import Simulation, Trees, simulate
+
+__all__ = [
+    "FAMILIES",
+    "Family",
+    "Scene",
+    "Simulation",
+    "Trees",
+    "family_scene",
+    "simulate",
+    "simulate_family",
+]

@@ -1,0 +1,188 @@
+"""`simulate`: two surveys of a scene, and the truth about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from treereg_core.features import FeatureSet, IntArray, frozen_array
+from treereg_core.simulate.detect import Visit, detect
+from treereg_core.simulate.orchard import Orchard, plant
+from treereg_core.simulate.scene import Scene
+from treereg_core.simulate.smooth import SmoothField
+from treereg_core.simulate.view import views
+from treereg_core.transform import Affine, FloatArray, Model, Rigid, Transform
+
+_PERIODIC = {
+    "outline": "rectangle",
+    "curve": 0.0,
+    "planting_jitter": 0.0,
+    "gaps": 0.0,
+    "holes": 0,
+    "vigour": 0.0,
+    "area_variation": 0.0,
+    "confidence_variation": 0.0,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trees:
+    """The true trees in the reference's frame, ordered by row and along it.
+
+    `xy` (n, 2) metres, `area` (n,) square metres at the time of the reference, `row` (n,) from 0, `column` (n,): the
+    planting position in the row; a number left out is a gap. Where the source shows another orchard, its trees follow
+    those of the reference's, with rows of their own.
+    """
+
+    xy: FloatArray
+    area: FloatArray
+    row: IntArray
+    column: IntArray
+
+    def __post_init__(self) -> None:
+        for name, kind in (("xy", np.float64), ("area", np.float64), ("row", np.int64), ("column", np.int64)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), kind))
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Two simulated surveys with their truth, about a local origin in the orchard's centre.
+
+    - `truth`: reference_from_source; with distortion the best rigid one over all trees; None where there is none to be
+      found: different orchards, or a periodic one.
+    - `reference_trees`, `source_trees` (n, 2): for each feature its trees, as positions in `trees`: -1, -1 for a false
+      detection, one tree and -1, or two for a merged canopy. A tree that was split stands behind two features.
+    - `outline` (k, 2): corners of the reference's orchard in its frame, metres.
+    """
+
+    scene: Scene
+    seed: int
+    reference: FeatureSet
+    source: FeatureSet
+    truth: Rigid | None
+    trees: Trees
+    reference_trees: IntArray
+    source_trees: IntArray
+    outline: FloatArray
+
+    def true_pairs(self) -> IntArray:
+        """Positions (reference, source), (k, 2), of features that both show the same single tree, whole.
+
+        Empty where there is no truth.
+        """
+        if self.truth is None:
+            return np.zeros((0, 2), dtype=np.int64)
+        reference = _feature_of_tree(self.reference_trees, len(self.trees))
+        source = _feature_of_tree(self.source_trees, len(self.trees))
+        both = (reference >= 0) & (source >= 0)
+        return np.column_stack([reference[both], source[both]])
+
+    def true_fit(self) -> Affine:
+        """The rigid least-squares fit on the true pairs: what the best method could reach.
+
+        Raises `ValueError` when there are fewer than two true pairs.
+        """
+        pairs = self.true_pairs()
+        return Model.RIGID.fit(self.source.xy[pairs[:, 1]], self.reference.xy[pairs[:, 0]])
+
+    def error(self, reference_from_source: Transform) -> float:
+        """RMS distance, metres, between where a transform and the truth put the source's detections of true trees.
+
+        Raises `ValueError` where there is no truth.
+        """
+        if self.truth is None:
+            raise ValueError("this simulation has no true transform")
+        xy = self.source.xy[self.source_trees[:, 0] >= 0]
+        return math.sqrt(float(np.mean(((reference_from_source(xy) - self.truth(xy)) ** 2).sum(axis=1))))
+
+
+def simulate(scene: Scene, seed: int) -> Simulation:
+    """Two surveys of a scene; the same scene and seed give the same surveys.
+
+    Orchard, views, both surveys and the misplacement have random streams of their own: another `missed`, for example,
+    leaves the orchard as it is. Raises `UsageError` when the scene leaves fewer than 3 trees.
+    """
+    if scene.periodic:
+        scene = scene.model_copy(update=_PERIODIC)
+    planting, viewing, first, second, moving, elsewhere = np.random.default_rng(seed).spawn(6)
+    orchard = plant(scene, planting)
+    reference_view, source_view = views(scene, orchard.positions, viewing)
+    reference = detect(orchard, scene, Visit(reference_view, np.ones(len(orchard.xy), dtype=bool), 1.0), first)
+
+    surveyed, surveyed_scene = orchard, scene
+    if not scene.same_orchard:
+        spacings = {"row_spacing": scene.row_spacing * scene.other_scale, "spacing": scene.spacing * scene.other_scale}
+        surveyed_scene = scene.model_copy(update=spacings)
+        surveyed = plant(surveyed_scene, elsewhere)
+        _, source_view = views(scene, surveyed.positions, elsewhere)
+    alive = second.random(len(surveyed.xy)) >= scene.dead
+    source = detect(surveyed, surveyed_scene, Visit(source_view, alive, scene.growth), second)
+    misplaced = _misplacement(scene, moving)
+    bend = _distortion(scene, surveyed.positions, moving)
+
+    truth: Rigid | None = misplaced.inverse()
+    if not scene.same_orchard or scene.periodic:
+        truth = None
+    elif scene.distortion > 0:
+        truth = Rigid.from_matrix(Model.RIGID.fit(misplaced(bend(orchard.xy)), orchard.xy).matrix)
+    trees = _trees(orchard) if surveyed is orchard else _joined(_trees(orchard), _trees(surveyed))
+    offset = len(trees) - len(surveyed.xy)
+    return Simulation(
+        scene=scene,
+        seed=seed,
+        reference=reference.features(),
+        source=source.features().replace(xy=misplaced(bend(source.xy))),
+        truth=truth,
+        trees=trees,
+        reference_trees=frozen_array(reference.trees, np.int64),
+        source_trees=frozen_array(np.where(source.trees >= 0, source.trees + offset, -1), np.int64),
+        outline=frozen_array(orchard.outline),
+    )
+
+
+def _misplacement(scene: Scene, rng: np.random.Generator) -> Rigid:
+    """How the source's coordinates are wrong: a turn about the orchard's centre, then a shift."""
+    normal, uniform = rng.standard_normal(3), rng.uniform(-180, 180)
+    if scene.rotation == "any":
+        rotation_deg = uniform
+    else:
+        rotation_deg = scene.rotation_sd * normal[0] if scene.rotation is None else scene.rotation
+    return Rigid.turn(rotation_deg, shift=scene.shift_sd * normal[1:] if scene.shift is None else scene.shift)
+
+
+def _distortion(scene: Scene, positions: FloatArray, rng: np.random.Generator) -> Callable[[FloatArray], FloatArray]:
+    """The smooth displacement of the source, RMS length `scene.distortion` over the positions."""
+    if scene.distortion == 0:
+        return lambda points: points
+    east, north = SmoothField.over(positions, rng), SmoothField.over(positions, rng)
+    per_axis = scene.distortion / math.sqrt(2)
+    return lambda points: points + per_axis * np.column_stack([east(points), north(points)])
+
+
+def _trees(orchard: Orchard) -> Trees:
+    return Trees(orchard.xy, orchard.area, orchard.row, orchard.column)
+
+
+def _joined(first: Trees, second: Trees) -> Trees:
+    return Trees(
+        np.concatenate([first.xy, second.xy]),
+        np.concatenate([first.area, second.area]),
+        np.concatenate([first.row, second.row + first.row.max() + 1]),
+        np.concatenate([first.column, second.column]),
+    )
+
+
+def _feature_of_tree(trees: IntArray, count: int) -> IntArray:
+    """For each true tree the feature that shows it alone and whole, -1 where none does."""
+    alone = np.flatnonzero((trees[:, 0] >= 0) & (trees[:, 1] < 0))
+    shown = trees[alone, 0]
+    feature = np.full(count, -1, dtype=np.int64)
+    feature[shown] = alone
+    feature[np.bincount(shown, minlength=count) != 1] = -1
+    return feature

@@ -1,0 +1,121 @@
+"""A survey in the working frame: unusable features dropped, areas and centroids measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from treereg_core.errors import InputError
+from treereg_core.features import FeatureSet
+from treereg_core.io.capture import FEWEST_TREES, Capture, too_few
+from treereg_core.io.crs import to_frame
+from treereg_core.io.layer import Layer
+from treereg_core.io.polygons import polygonal
+from treereg_core.survey import Frame, Survey
+
+if TYPE_CHECKING:
+    from shapely import Geometry
+
+LEAST_AREA_M2 = 1e-4
+FARTHEST_BOUNDARY_M = 2_000.0
+
+
+def place(capture: Capture, frame: Frame) -> Survey:
+    """The survey in the working frame, its unusable features dropped."""
+    import shapely
+
+    layer = capture.layer
+    path = layer.path
+    polygons = shapely.transform(shapely.force_2d(layer.geometry), lambda xy: to_frame(xy, layer.crs, frame))
+    if not np.isfinite(shapely.get_coordinates(polygons)).all():
+        raise InputError(f"{path} lies where {frame.crs:.40} cannot reach; give two surveys of one orchard.")
+    polygons, usable, warnings = _usable(polygons, path)
+    ids = np.flatnonzero(usable)
+    if len(ids) < FEWEST_TREES:
+        raise too_few(path, len(ids), len(polygons))
+    features = FeatureSet(
+        ids=ids,
+        xy=shapely.get_coordinates(shapely.centroid(polygons[ids])),
+        confidence=capture.confidence[ids],
+        area=shapely.area(polygons[ids]),
+        weight=np.ones(len(ids)),
+    )
+    boundary, boundary_warnings = _boundary(capture, features, frame)
+    return Survey(
+        path=capture.files.folder,
+        detections=path,
+        features=features,
+        frame=frame,
+        count=len(polygons),
+        boundary=boundary,
+        warnings=capture.warnings + warnings + boundary_warnings,
+    )
+
+
+def _usable(
+    polygons: NDArray[np.object_], path: Path
+) -> tuple[NDArray[np.object_], NDArray[np.bool_], tuple[str, ...]]:
+    """The polygons repaired, which of them are usable, and a warning that counts what was done."""
+    import shapely
+
+    polygons = polygons.copy()
+    absent = shapely.is_missing(polygons) | shapely.is_empty(polygons)
+    unsound = ~absent & ~(shapely.is_valid(polygons) & np.isin(shapely.get_type_id(polygons), (3, 6)))
+    for i in np.flatnonzero(unsound):
+        polygons[i] = polygonal(polygons[i])
+    flat = ~absent & ~(shapely.area(polygons) >= LEAST_AREA_M2)
+    sound = np.flatnonzero(~absent & ~flat)
+    _, first = np.unique(shapely.to_wkb(shapely.normalize(polygons[sound])), return_index=True)
+    duplicate = np.zeros(len(polygons), dtype=bool)
+    duplicate[sound] = True
+    duplicate[sound[first]] = False
+    usable = ~(absent | flat | duplicate)
+    counts = {
+        "without geometry": absent.sum(),
+        "without area": flat.sum(),
+        "a duplicate of another": duplicate.sum(),
+    }
+    told = []
+    if (unsound & usable).any():
+        told.append(f"{(unsound & usable).sum()} with invalid outlines repaired")
+    if not usable.all():
+        reasons = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
+        told.append(f"{(~usable).sum()} dropped ({reasons})")
+    return polygons, usable, (f"{path}: of {len(polygons)} features, {' and '.join(told)}.",) if told else ()
+
+
+def _boundary(capture: Capture, features: FeatureSet, frame: Frame) -> tuple[Geometry | None, tuple[str, ...]]:
+    """The outline in the working frame; None, with a warning, when it lies elsewhere than the trees."""
+    import shapely
+
+    layer = capture.boundary
+    if layer is None:
+        return None, ()
+    outline = _outline(layer, frame)
+    trees = shapely.multipoints(features.xy)
+    if outline is not None and shapely.distance(outline, trees) <= FARTHEST_BOUNDARY_M:
+        return outline, ()
+    swapped = _outline(layer, frame, swapped=True) if layer.geographic else None
+    if swapped is not None and shapely.distance(swapped, trees) <= FARTHEST_BOUNDARY_M:
+        raise InputError(
+            f"{capture.layer.path} and {layer.path} agree only when longitude and latitude are swapped in one of them; "
+            "write longitude first in both."
+        )
+    return None, (f"{layer.path} lies more than 2 km from the trees and is not used; correct it or remove it.",)
+
+
+def _outline(layer: Layer, frame: Frame, swapped: bool = False) -> Geometry | None:
+    """The polygons of a layer as one, in the working frame; None where that does not reach."""
+    import shapely
+
+    step = -1 if swapped else 1
+    moved = shapely.transform(shapely.force_2d(layer.geometry), lambda xy: to_frame(xy[:, ::step], layer.crs, frame))
+    if not np.isfinite(shapely.get_coordinates(moved)).all():
+        return None
+    outline = shapely.union_all([polygonal(geometry) for geometry in moved if geometry is not None])
+    if outline.is_empty:
+        raise InputError(f"{layer.path} holds no polygon; draw the orchard's outline as one, or remove the file.")
+    return outline

@@ -1,0 +1,145 @@
+"""GeoPackage and GeoParquet: geometry, one property, or every row as a GeoJSON feature."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from treereg_core.errors import InputError
+from treereg_core.io.files import reading
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from pyproj import CRS
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table with a geometry: `geometry` (n,) shapely or None in `crs`, `properties` without it, `ids` of the rows."""
+
+    geometry: NDArray[np.object_]
+    properties: pa.Table
+    crs: CRS | None
+    ids: list[int] | None = None
+
+    def values(self, name: str | None) -> list[Any]:
+        """The values of one property, None for each row if there is no such column."""
+        known = name in self.properties.column_names
+        return self.properties.column(name).to_pylist() if known else [None] * len(self.geometry)
+
+    def features(self) -> list[dict[str, Any]]:
+        """Every row as a GeoJSON feature, in order, coordinates in `crs`."""
+        import shapely
+
+        ids = [{}] * len(self.geometry) if self.ids is None else [{"id": i} for i in self.ids]
+        rows = self.properties.to_pylist() if self.properties.num_columns else [{}] * len(self.geometry)
+        return [
+            {
+                "type": "Feature",
+                **identity,
+                "properties": {key: _json_value(value) for key, value in row.items()},
+                "geometry": shape and json.loads(shape),
+            }
+            for identity, row, shape in zip(ids, rows, shapely.to_geojson(self.geometry), strict=True)
+        ]
+
+
+def read_table(path: Path, columns: list[str] | None = None) -> Table:
+    """Read a GeoPackage or GeoParquet file, with these properties only (None: all). `InputError` if it cannot be."""
+    start = _magic(path)
+    if path.suffix == ".gpkg":
+        if start != b"SQLite format 3\0":
+            raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
+        with reading(path, "GeoPackage"), _quiet():
+            return _geopackage(path, columns)
+    if start[:4] != b"PAR1":
+        raise InputError(f"{path} is not a Parquet file, or is damaged; export it again.")
+    with reading(path, "GeoParquet"), _quiet():
+        return _geoparquet(path, columns)
+
+
+def _magic(path: Path) -> bytes:
+    with reading(path, "a file"), path.open("rb") as file:
+        return file.read(16)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """What third-party readers warn of is either checked here or of no concern to users."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _geopackage(path: Path, columns: list[str] | None) -> Table:
+    import pyogrio
+    import shapely
+    from pyproj import CRS
+
+    layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+    if len(layers) != 1:
+        found = f"the layers {', '.join(layers)}" if layers else "no layer with geometry"
+        raise InputError(f"{path} holds {found}; keep exactly one layer of polygons.")
+    meta, table = pyogrio.raw.read_arrow(path, layer=layers[0], columns=columns, return_fids=True)
+    fid, geometry = meta["fid_column"] or "OGC_FID", meta["geometry_name"] or "wkb_geometry"
+    return Table(
+        geometry=np.asarray(shapely.from_wkb(np.array(table.column(geometry).to_pylist(), dtype=object))),
+        properties=table.drop_columns([geometry, fid]),
+        crs=CRS.from_user_input(meta["crs"]).to_2d() if meta["crs"] else None,
+        ids=table.column(fid).to_pylist(),
+    )
+
+
+def _geoparquet(path: Path, columns: list[str] | None) -> Table:
+    import geopandas
+    import pyarrow.parquet as pq
+
+    schema = pq.read_schema(path)
+    if b"geo" not in (schema.metadata or {}):
+        raise InputError(f"{path} is Parquet without geometry; export it as GeoParquet.")
+    meta = json.loads(schema.metadata[b"geo"])
+    primary = meta["primary_column"]
+    frame = geopandas.read_parquet(path, columns=[primary])
+    wanted = [
+        name
+        for name in schema.names
+        if name not in meta["columns"]
+        and not name.startswith("__index_level_")
+        and (columns is None or name in columns)
+    ]
+    return Table(
+        geometry=np.asarray(frame.geometry.array, dtype=object),
+        properties=pq.read_table(path, columns=wanted),
+        crs=frame.crs.to_2d() if frame.crs else None,
+    )
+
+
+def _json_value(value: Any) -> Any:
+    """A value of a table as JSON has it: no NaN, dates in ISO 8601, bytes in base 64."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(key): _json_value(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json_value(item) for item in value]
+    if isinstance(value, datetime | date | time):
+        return value.isoformat()
+    if isinstance(value, timedelta):
+        return value.total_seconds()
+    if isinstance(value, Decimal):
+        return int(value) if value == value.to_integral_value() else float(value)
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    return value if value is None or isinstance(value, str | int) else str(value)

@@ -1,0 +1,47 @@
+"""Survey: one dated capture of one orchard, read into the working frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from treereg_core.features import FeatureSet
+
+if TYPE_CHECKING:
+    from shapely import Geometry
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The working frame: projected coordinates in `crs`, in metres, less a local origin.
+
+    - `crs`: an authority code (`EPSG:32734`) where there is one, else WKT 2; east before north.
+    - `origin`: full coordinates (easting, northing) of the local origin, whole metres. Arithmetic is done about it,
+      because northings of six million metres eat digits.
+    """
+
+    crs: str
+    origin: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """One dated capture of one orchard.
+
+    - `path`: the survey's folder; `detections`: the file of canopy polygons in it.
+    - `features`: its usable trees; `xy` in metres in `frame`, `area` in square metres, `ids` the features' indices in
+      the file, counted from 0.
+    - `count`: the features in the file, unusable ones included.
+    - `boundary`: the orchard's outline in `frame`, metres, or None. It is of the reference's making, so it must not
+      crop a source that is not registered yet.
+    - `warnings`: one sentence each, for stderr.
+    """
+
+    path: Path
+    detections: Path
+    features: FeatureSet
+    frame: Frame
+    count: int
+    boundary: Geometry | None = None
+    warnings: tuple[str, ...] = ()

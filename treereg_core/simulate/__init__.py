@@ -5,6 +5,7 @@
 """
 
 from treereg_core.simulate.families import FAMILIES, Family, family_scene, simulate_family
+from treereg_core.simulate.files import write_simulation
 from treereg_core.simulate.scene import Scene
 from treereg_core.simulate.simulation import Simulation, Trees, simulate
 
@@ -17,4 +18,5 @@ __all__ = [
     "family_scene",
     "simulate",
     "simulate_family",
+    "write_simulation",
 ]

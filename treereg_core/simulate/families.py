@@ -118,7 +118,9 @@ def _different(rng: np.random.Generator) -> Scene:
 
 
 def _periodic_crops(rng: np.random.Generator) -> Scene:
-    return Scene(**{**_orchard(rng), **_PERFECT, "crop": "windows", "overlap": rng.uniform(0.4, 0.8), **_FAR})
+    trees = round(rng.uniform(3000, 5000))  # of which a window shows about a third
+    windows = {"trees": trees, "crop": "windows", "overlap": rng.uniform(0.4, 0.8)}
+    return Scene(**{**_orchard(rng), **_PERFECT, **windows, **_FAR})
 
 
 def _periodic_turn(rng: np.random.Generator) -> Scene:

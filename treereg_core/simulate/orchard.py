@@ -27,7 +27,7 @@ class Orchard:
     - `area` (n,): crown area that lasts, at the time of the reference, square metres.
     - `plainness` (n,): standard normal; what a tree's confidences have in common.
     - `positions` (m, 2): all planting positions, gaps included, metres.
-    - `outline` (k, 2): corners of the block, metres, counter-clockwise, first one not repeated.
+    - `outline` (k, 2): points along the block's edge, metres, counter-clockwise, first one not repeated.
     """
 
     xy: FloatArray
@@ -125,8 +125,8 @@ def _inside_star(points: FloatArray, corners: FloatArray) -> NDArray[np.bool_]:
 
 
 def _finely(corners: FloatArray) -> FloatArray:
-    """The same ring with 8 points to a side, so that it can bend with the rows."""
-    step = np.linspace(0, 1, 8, endpoint=False)[:, None]
+    """The same ring with 32 points to a side, so that it can bend with the rows."""
+    step = np.linspace(0, 1, 32, endpoint=False)[:, None]
     return np.asarray((corners[:, None] + step * (np.roll(corners, -1, axis=0) - corners)[:, None]).reshape(-1, 2))
 
 

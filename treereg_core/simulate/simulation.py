@@ -58,7 +58,7 @@ class Simulation:
       found: different orchards, or a periodic one.
     - `reference_trees`, `source_trees` (n, 2): for each feature its trees, as positions in `trees`: -1, -1 for a false
       detection, one tree and -1, or two for a merged canopy. A tree that was split stands behind two features.
-    - `outline` (k, 2): corners of the reference's orchard in its frame, metres.
+    - `outline` (k, 2): points along the edge of the reference's orchard in its frame, metres, counter-clockwise.
     """
 
     scene: Scene
@@ -112,7 +112,7 @@ def simulate(scene: Scene, seed: int) -> Simulation:
         scene = scene.model_copy(update=_PERIODIC)
     planting, viewing, first, second, moving, elsewhere = np.random.default_rng(seed).spawn(6)
     orchard = plant(scene, planting)
-    reference_view, source_view = views(scene, orchard.positions, viewing)
+    reference_view, source_view = views(scene, orchard, viewing)
     reference = detect(orchard, scene, Visit(reference_view, np.ones(len(orchard.xy), dtype=bool), 1.0), first)
 
     surveyed, surveyed_scene = orchard, scene
@@ -120,7 +120,7 @@ def simulate(scene: Scene, seed: int) -> Simulation:
         spacings = {"row_spacing": scene.row_spacing * scene.other_scale, "spacing": scene.spacing * scene.other_scale}
         surveyed_scene = scene.model_copy(update=spacings)
         surveyed = plant(surveyed_scene, elsewhere)
-        _, source_view = views(scene, surveyed.positions, elsewhere)
+        _, source_view = views(scene, surveyed, elsewhere)
     alive = second.random(len(surveyed.xy)) >= scene.dead
     source = detect(surveyed, surveyed_scene, Visit(source_view, alive, scene.growth), second)
     misplaced = _misplacement(scene, moving)

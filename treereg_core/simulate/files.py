@@ -1,0 +1,127 @@
+"""A simulation as survey folders with their truth, as a drone company would deliver them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from treereg_core.errors import UsageError
+from treereg_core.features import FeatureSet, IntArray
+from treereg_core.simulate.canopy import canopies
+from treereg_core.simulate.simulation import Simulation, Trees
+from treereg_core.transform import FloatArray, Rigid
+
+SCHEMA = "treereg/truth/1"
+DECIMALS = 9
+Origin = tuple[float, float]
+ToDegrees = Callable[[FloatArray], FloatArray]
+
+
+def write_simulation(
+    simulation: Simulation, folder: Path, crs: str = "EPSG:32734", origin: Origin = (343_000.0, 6_306_000.0)
+) -> None:
+    """Write `folder`/reference, `folder`/source and, last of all, `folder`/truth.json.
+
+    `crs` is projected and in metres, `origin` the full coordinates, easting and northing, of the orchard's centre; the
+    defaults lie among the orchards of Ceres, South Africa. Each file is complete or absent. Raises `UsageError` when
+    the folder cannot be written.
+    """
+    import pyproj
+
+    degrees_from_crs = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+
+    def to_degrees(points: FloatArray) -> FloatArray:
+        full = points + np.asarray(origin)
+        return np.round(np.stack(degrees_from_crs.transform(full[..., 0], full[..., 1]), axis=-1), DECIMALS)
+
+    boundary = _collection([_feature({}, to_degrees(_boundary(simulation)))])
+    rngs = np.random.default_rng(simulation.seed).spawn(2)
+    surveys = {"reference": simulation.reference, "source": simulation.source}
+    try:
+        for (name, features), rng in zip(surveys.items(), rngs, strict=True):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+            _write(folder / name / "raw-detections.geojson", _detections(features, to_degrees, rng))
+            _write(folder / name / "boundary.geojson", boundary)
+        _write(folder / "truth.json", _object(_truth(simulation, crs, origin)))
+    except OSError as error:
+        raise UsageError(f"{folder} cannot be written ({error.strerror}); choose another folder.") from error
+
+
+def _boundary(simulation: Simulation) -> FloatArray:
+    """The outline with half a row's room around it, so that the outermost canopies lie inside: (k, 2) metres."""
+    import shapely
+
+    room = max(simulation.scene.row_spacing, simulation.scene.spacing) / 2
+    block = shapely.Polygon(simulation.outline).buffer(room, join_style="mitre", mitre_limit=2).simplify(0.01)
+    return np.asarray(shapely.get_coordinates(block.normalize().exterior.reverse())[:-1])
+
+
+def _detections(features: FeatureSet, to_degrees: ToDegrees, rng: np.random.Generator) -> str:
+    rings = to_degrees(canopies(features, rng))
+    return _collection(
+        _feature({"confidence": confidence}, ring)
+        for confidence, ring in zip(features.confidence.tolist(), rings, strict=True)
+    )
+
+
+def _feature(properties: dict[str, Any], ring: FloatArray) -> str:
+    corners = ring.tolist()
+    geometry = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
+    return json.dumps({"type": "Feature", "properties": properties, "geometry": geometry})
+
+
+def _collection(features: Iterable[str]) -> str:
+    """A FeatureCollection with one feature to a line."""
+    return '{"type": "FeatureCollection", "features": [\n' + ",\n".join(features) + "\n]}\n"
+
+
+def _truth(simulation: Simulation, crs: str, origin: Origin) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "crs": crs,
+        "transform": simulation.truth and _transform(simulation.truth, simulation.source, origin),
+        "seed": simulation.seed,
+        "scene": simulation.scene.model_dump(mode="json"),
+        "trees": _trees(simulation.trees, origin),
+        "reference_trees": _lists(simulation.reference_trees),
+        "source_trees": _lists(simulation.source_trees),
+    }
+
+
+def _transform(truth: Rigid, source: FeatureSet, origin: Origin) -> dict[str, Any]:
+    centroid = source.xy.mean(axis=0, keepdims=True)
+    return {
+        "model": "rigid",
+        "matrix": truth.about(-np.asarray(origin)).matrix.tolist(),
+        "rotation_deg": truth.rotation_deg,
+        "translation_m": (truth(centroid) - centroid)[0].tolist(),
+    }
+
+
+def _trees(trees: Trees, origin: Origin) -> list[dict[str, Any]]:
+    columns = ((trees.xy + np.asarray(origin)).round(4).tolist(), trees.area.round(4).tolist(), trees.row.tolist())
+    return [{"xy": xy, "area": area, "row": row} for xy, area, row in zip(*columns, strict=True)]
+
+
+def _lists(trees: IntArray) -> list[list[int]]:
+    return [[tree for tree in pair if tree >= 0] for pair in trees.tolist()]
+
+
+def _object(values: dict[str, Any]) -> str:
+    """A JSON object with one member to a line."""
+    return "{\n" + ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in values.items()) + "\n}\n"
+
+
+def _write(path: Path, text: str) -> None:
+    """The whole file, or none: written aside, then renamed."""
+    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)

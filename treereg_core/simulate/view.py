@@ -14,7 +14,7 @@ from treereg_core.transform import FloatArray, Rigid
 
 LARGEST_TILT_DEG = 5.0
 TRIM = 0.03
-"""Share of the orchard beyond the outer edges of strips and windows: neither survey sees the orchard's own end there."""
+"""Share of the orchard beyond the outer edges of strips and windows, where neither sees the orchard's own end."""
 
 Interval = tuple[float, float]
 

@@ -15,14 +15,15 @@ from treereg_core.simulate.scene import Scene
 from treereg_core.simulate.view import View
 from treereg_core.transform import FloatArray
 
-FALSE_LOG_ODDS_DROP = 2.5
+FALSE_DROP_SD = 2.5
+"""How far the confidences of false detections lie lower, in their standard deviations, at full information."""
 HALVES_APART_RADII = 0.85
 """Distance between the centroids of the two halves of a disc, in radii."""
 
 
 @dataclass(frozen=True, eq=False)
 class Visit:
-    """One flight over an orchard: what is in view, which trees stand (n,), and the crowns' width since planting."""
+    """One flight over an orchard: what is in view, which trees stand (n,), and the crowns' width over that at the reference."""
 
     view: View
     alive: NDArray[np.bool_]
@@ -132,7 +133,7 @@ def _false(orchard: Orchard, scene: Scene, visit: Visit, count: int, rng: np.ran
         distance, _ = ground.query(drawn, distance_upper_bound=reach)
         xy = np.concatenate([xy, drawn[np.isfinite(distance)]])
     typical = float(np.median(orchard.area)) * visit.growth**2
-    plainness = rng.standard_normal(count) - FALSE_LOG_ODDS_DROP * scene.confidence_information
+    plainness = rng.standard_normal(count) - FALSE_DROP_SD * scene.confidence_information
     spread = 2 * scene.area_variation
     return Detections(
         xy=xy[:count],

@@ -75,7 +75,7 @@ class Scene(BaseModel):
 
     # Which part each survey sees
     overlap: float = Field(
-        1.0, gt=0, le=1, description="share of the reference's view that the source sees too; 1: both see everything"
+        1.0, ge=0.05, le=1, description="share of the reference's view that the source sees too; 1: both see everything"
     )
     crop: Literal["strips", "windows", "ends", "part"] = Field(
         "strips",

@@ -1,8 +1,22 @@
 """Files in, files out: the only place that knows geopandas, pyogrio and rasterio.
 
-`read_survey` and `read_surveys` read survey folders into one working frame.
+`read_survey` and `read_surveys` read survey folders into one working frame, `read_transform` the transform in a file;
+`write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`.
 """
 
+from treereg_core.io.output import RUN_NAMES, SIMULATION_NAMES, OutputFolder
 from treereg_core.io.reading import read_survey, read_surveys
+from treereg_core.io.transforms import read_transform
+from treereg_core.io.writing import write_json, write_matches, write_registered
 
-__all__ = ["read_survey", "read_surveys"]
+__all__ = [
+    "RUN_NAMES",
+    "SIMULATION_NAMES",
+    "OutputFolder",
+    "read_survey",
+    "read_surveys",
+    "read_transform",
+    "write_json",
+    "write_matches",
+    "write_registered",
+]

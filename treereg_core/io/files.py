@@ -35,7 +35,7 @@ def find_files(folder: Path) -> SurveyFiles:
             raise InputError(f"{folder}: there is no such folder; check the path of the survey.")
         names = sorted(entry.name for entry in folder.iterdir())
     except OSError as error:
-        raise InputError(f"{folder} cannot be listed ({_reason(error)}); check its permissions.") from error
+        raise InputError(f"{folder} cannot be listed ({reason(error)}); check its permissions.") from error
     detections = _only(folder, [n for n in names if n in {stem + suffix for stem in DETECTIONS for suffix in SUFFIXES}])
     if detections is None:
         found = f"it holds {_some(names)}" if names else "it is empty"
@@ -62,7 +62,8 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _reason(error: OSError) -> str:
+def reason(error: OSError) -> str:
+    """Why the system refused, in its own words."""
     return (error.strerror or str(error)).lower()
 
 
@@ -76,7 +77,7 @@ def reading(path: Path, kind: str) -> Iterator[None]:
     except OSError as error:
         if error.strerror is None:
             raise InputError(f"{path} cannot be read as {kind} ({first_line(error)}); export it again.") from error
-        raise InputError(f"{path} cannot be read ({_reason(error)}); check the path and its permissions.") from error
+        raise InputError(f"{path} cannot be read ({reason(error)}); check the path and its permissions.") from error
     except Exception as error:
         raise InputError(f"{path} cannot be read as {kind} ({first_line(error)}); export it again.") from error
 
@@ -95,7 +96,7 @@ def read_json(path: Path) -> Any:
             raise InputError(f"{path} is empty; export it again.")
         return json.loads(text)
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({_reason(error)}); check the path and its permissions.") from error
+        raise InputError(f"{path} cannot be read ({reason(error)}); check the path and its permissions.") from error
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path} is not JSON, or is cut off (line {error.lineno}, column {error.colno}: {error.msg}); "

@@ -148,9 +148,11 @@ def _in_area(lonlat: FloatArray, crs: CRS) -> NDArray[np.bool_]:
     width = (area.east - area.west) % 360 or 360
     with np.errstate(invalid="ignore"):
         east_of_west = (lonlat[:, 0] - (area.west - MARGIN_DEG)) % 360
-        inside: NDArray[np.bool_] = (
-            (east_of_west <= width + 2 * MARGIN_DEG)
-            & (lonlat[:, 1] >= area.south - MARGIN_DEG)
-            & (lonlat[:, 1] <= area.north + MARGIN_DEG)
+        beyond = np.stack(
+            [
+                east_of_west > width + 2 * MARGIN_DEG,
+                lonlat[:, 1] < area.south - MARGIN_DEG,
+                lonlat[:, 1] > area.north + MARGIN_DEG,
+            ]
         )
-    return finite & inside
+    return finite & ~beyond.any(axis=0)

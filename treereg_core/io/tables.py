@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import json
-import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import date, datetime, time, timedelta
-from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +15,7 @@ from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
 from treereg_core.io.files import reading
+from treereg_core.io.jsontext import plain
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -49,7 +46,7 @@ class Table:
             {
                 "type": "Feature",
                 **identity,
-                "properties": {key: _json_value(value) for key, value in row.items()},
+                "properties": {key: plain(value) for key, value in row.items()},
                 "geometry": shape and json.loads(shape),
             }
             for identity, row, shape in zip(ids, rows, shapely.to_geojson(self.geometry), strict=True)
@@ -124,22 +121,3 @@ def _geoparquet(path: Path, columns: list[str] | None) -> Table:
         properties=pq.read_table(path, columns=wanted),
         crs=frame.crs.to_2d() if frame.crs else None,
     )
-
-
-def _json_value(value: Any) -> Any:
-    """A value of a table as JSON has it: no NaN, dates in ISO 8601, bytes in base 64."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {str(key): _json_value(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_json_value(item) for item in value]
-    if isinstance(value, datetime | date | time):
-        return value.isoformat()
-    if isinstance(value, timedelta):
-        return value.total_seconds()
-    if isinstance(value, Decimal):
-        return int(value) if value == value.to_integral_value() else float(value)
-    if isinstance(value, bytes):
-        return base64.b64encode(value).decode()
-    return value if value is None or isinstance(value, str | int) else str(value)

@@ -1,0 +1,91 @@
+"""Reading the transform that a file holds, into a working frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from treereg_core.errors import InputError
+from treereg_core.io.crs import converter, crs_name, parse_crs
+from treereg_core.io.files import read_json
+from treereg_core.survey import Frame
+from treereg_core.transform import Affine, Model, Rigid, Similarity
+
+REACH_M = 500.0
+
+
+def read_transform(path: Path, frame: Frame) -> Affine:
+    """The transform `reference_from_source` in a JSON file, brought into a working frame, metres.
+
+    The file is one of ours (`registration.json`, `misregistration.json`, `truth.json`): `crs`, and `transform` with
+    `matrix` and perhaps `model`; without a model it is of the narrowest kind that the matrix is. In another CRS it is
+    fitted anew around the frame's origin. Raises `InputError` for a file without such a transform.
+    """
+    document = read_json(path)
+    if not isinstance(document, dict) or "transform" not in document:
+        raise InputError(
+            f"{path} holds no transform; give a registration.json, misregistration.json or truth.json instead."
+        )
+    record = document["transform"]
+    if record is None:
+        raise InputError(f"{path} is of a registration that failed and has no transform; give another one.")
+    if not isinstance(record, dict):
+        record = {"matrix": record}
+    full = _affine(record.get("matrix"), path)
+    model = _model(record.get("model"), path)
+    if not isinstance(document.get("crs"), str):
+        raise InputError(f"{path} does not say in which CRS its transform is; add it as 'crs', such as EPSG:32734.")
+    crs = crs_name(parse_crs(document["crs"], path))
+    if crs == frame.crs:
+        return _of_kind(full.about(frame.origin), model, path)
+    return _converted(full, crs, frame, model, path)
+
+
+def _affine(matrix: Any, path: Path) -> Affine:
+    try:
+        return Affine.from_matrix(matrix)
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"{path} has no usable matrix ({error}); give 3 rows of 3 numbers, the last 0, 0, 1."
+        ) from error
+
+
+def _model(name: Any, path: Path) -> Model | None:
+    if name is None:
+        return None
+    try:
+        return Model(name)
+    except ValueError as error:
+        known = ", ".join(model.value for model in Model)
+        raise InputError(
+            f"{path} has a transform of the unknown model {name!r:.40}; it must be one of {known}."
+        ) from error
+
+
+def _of_kind(affine: Affine, model: Model | None, path: Path) -> Affine:
+    """The same map as a transform of its model's kind, or of the narrowest kind it is."""
+    kinds: tuple[type[Affine], ...] = (model.kind,) if model else (Rigid, Similarity, Affine)
+    for kind in kinds:
+        try:
+            return kind(affine.linear, affine.shift)
+        except ValueError:
+            continue
+    raise InputError(
+        f"{path} calls its transform {kinds[0].__name__.lower()}, but its matrix is not; correct the model."
+    )
+
+
+def _converted(full: Affine, crs: str, frame: Frame, model: Model | None, path: Path) -> Affine:
+    """The same motion in another CRS, fitted to a square of points around the frame's origin, where it acts."""
+    steps = np.linspace(-REACH_M, REACH_M, 5)
+    reference = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    origin = np.array(frame.origin)
+    there = converter(frame.crs, crs)(reference + origin)
+    inverse = full.about(there.mean(axis=0)).inverse()
+    source = converter(crs, frame.crs)(inverse(there - there.mean(axis=0)) + there.mean(axis=0)) - origin
+    if not (np.isfinite(there).all() and np.isfinite(source).all()):
+        raise InputError(f"{path} has a transform in {crs:.40}, which does not reach these surveys; correct its CRS.")
+    kind = model or next(m for m in Model if isinstance(_of_kind(full, None, path), m.kind))
+    return kind.fit(source, reference)

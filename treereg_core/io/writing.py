@@ -1,0 +1,126 @@
+"""Writing what a registration gives: moved features, matches, JSON. Every file is complete or absent."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from treereg_core.errors import InputError
+from treereg_core.io import geojson
+from treereg_core.io.crs import WGS84, crs_name, from_frame, to_frame
+from treereg_core.io.files import read_json, reason
+from treereg_core.io.jsontext import json_line, readable
+from treereg_core.io.tables import read_table
+from treereg_core.judgement import Matches
+from treereg_core.survey import Survey
+from treereg_core.transform import Affine, FloatArray
+
+
+def write_registered(source: Survey, transform: Affine, path: Path) -> None:
+    """Write the source's features moved into the reference, as GeoJSON in WGS 84 with 9 decimals.
+
+    `transform` is `reference_from_source` in the working frame. All features are written in their order, unusable ones
+    too, with all their properties as they stand in the source's file. Raises `InputError` when that file changed
+    beyond reading, or `path` cannot be written.
+    """
+    members: dict[str, Any] = {}
+    if source.detections.suffix == ".geojson":
+        document = read_json(source.detections)
+        features = geojson.features_of(document, source.detections)
+        crs = crs_name(geojson.crs_of(document, source.detections))
+        if document["type"] == "FeatureCollection":
+            members = {key: item for key, item in document.items() if key not in ("type", "features", "crs", "bbox")}
+    else:
+        table = read_table(source.detections)
+        features = table.features()
+        crs = crs_name(table.crs) if table.crs else WGS84
+
+    def moved(xy: FloatArray) -> FloatArray:
+        return from_frame(transform(to_frame(xy, crs, source.frame)), source.frame)
+
+    geojson.move(features, moved, source.detections)
+    write_features(features, path, members)
+
+
+def write_matches(reference: Survey, source: Survey, transform: Affine, matches: Matches, path: Path) -> None:
+    """Write one LineString per matched pair, from the moved source centroid to the reference's, as GeoJSON in WGS 84.
+
+    `transform` is `reference_from_source` in the working frame that both surveys share. Properties: `reference` and
+    `source` (indices of the features in their files) and `residual_m`. Raises `ValueError` for an unknown id.
+    """
+    at_reference = reference.features.positions(matches.pairs[:, 0])
+    at_source = source.features.positions(matches.pairs[:, 1])
+    if (at_reference < 0).any() or (at_source < 0).any():
+        raise ValueError("a match names a tree that is not in its survey")
+    starts = transform(source.features.xy[at_source])
+    ends = reference.features.xy[at_reference]
+    lonlat = np.round(from_frame(np.vstack([starts, ends]), reference.frame), 9).tolist()
+    n = len(matches.pairs)
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"reference": pair[0], "source": pair[1], "residual_m": round(residual, 6)},
+            "geometry": {"type": "LineString", "coordinates": [start, end]},
+        }
+        for pair, residual, start, end in zip(
+            matches.pairs.tolist(), matches.residual.tolist(), lonlat[:n], lonlat[n:], strict=True
+        )
+    ]
+    write_features(features, path)
+
+
+def write_features(features: list[dict[str, Any]], path: Path, members: dict[str, Any] | None = None) -> None:
+    """Write GeoJSON features, one per line, with further members of the collection. `InputError` if it cannot be."""
+    with complete_file(path) as file:
+        try:
+            file.write(b'{\n"type": "FeatureCollection",\n')
+            for key, item in (members or {}).items():
+                file.write(json_line(key) + b": " + json_line(item) + b",\n")
+            file.write(b'"features": [')
+            for i, feature in enumerate(features):
+                file.write((b",\n" if i else b"\n") + json_line(feature))
+            file.write(b"\n]\n}\n")
+        except RecursionError as error:
+            raise InputError(f"{path} would be nested too deeply; remove the deep values from the source.") from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON value for people to read: indented, short parts and rows of matrices on one line each.
+
+    Raises `ValueError` for NaN or infinity, `InputError` when `path` cannot be written.
+    """
+    text = readable(value) + "\n"
+    with complete_file(path) as file:
+        file.write(text.encode())
+
+
+@contextmanager
+def complete_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write that takes its name only when it is complete; nothing is left behind otherwise."""
+    try:
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}-")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException as error:
+        Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
+        raise
+
+
+def _umask() -> int:
+    """The process's mask of permissions; a temporary file is private, a finished one should be as any other."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

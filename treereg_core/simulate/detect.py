@@ -23,7 +23,7 @@ HALVES_APART_RADII = 0.85
 
 @dataclass(frozen=True, eq=False)
 class Visit:
-    """One flight over an orchard: what is in view, which trees stand (n,), and the crowns' width over that at the reference."""
+    """One flight over an orchard: what is in view, which trees live (n,), and crown widths over the reference's."""
 
     view: View
     alive: NDArray[np.bool_]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -88,13 +89,31 @@ def first_line(error: Exception) -> str:
     return text if len(text) <= 160 else text[:157] + "..."
 
 
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """No garbage collection while millions of small values come to life that are all needed: it takes half the time."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _decoded(path: Path) -> str:
+    raw = path.read_bytes()
+    return raw.decode(json.detect_encoding(raw))
+
+
 def read_json(path: Path) -> Any:
     """The value in a JSON file. `InputError` for one that is missing, unreadable, cut off or nested too deeply."""
     try:
-        text = path.read_bytes()
+        text = _decoded(path)
         if not text.strip():
             raise InputError(f"{path} is empty; export it again.")
-        return json.loads(text)
+        with collector_paused():
+            return json.loads(text)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({reason(error)}); check the path and its permissions.") from error
     except json.JSONDecodeError as error:

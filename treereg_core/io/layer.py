@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from treereg_core.errors import InputError
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, converter, crs_name, parse_crs
-from treereg_core.io.files import read_json
+from treereg_core.io.files import collector_paused, read_json
 from treereg_core.io.tables import read_table
 from treereg_core.transform import FloatArray
 
@@ -45,19 +45,7 @@ def read_layer(path: Path, name: str | None = None) -> Layer:
     """Read a vector file with the values of one property. `InputError` for anything that cannot be used."""
     import shapely
 
-    crs: CRS | None
-    if path.suffix == ".geojson":
-        document = read_json(path)
-        features = geojson.features_of(document, path)
-        crs = geojson.crs_of(document, path)
-        geometry = geojson.geometries(features, path)
-        values = [
-            (f.get("properties") or {}).get(name) if isinstance(f.get("properties"), dict) else None for f in features
-        ]
-        del document, features
-    else:
-        table = read_table(path, [name] if name else [])
-        geometry, values, crs = table.geometry, table.values(name), table.crs
+    geometry, values, crs = _read_geojson(path, name) if path.suffix == ".geojson" else _read_table(path, name)
     xy, owner = shapely.get_coordinates(geometry, return_index=True)
     warnings: tuple[str, ...] = ()
     if crs is None:
@@ -78,6 +66,20 @@ def read_layer(path: Path, name: str | None = None) -> Layer:
     owners, first = np.unique(owner, return_index=True)
     lonlat[owners] = converter(name_of_crs, WGS84)(xy[first])
     return Layer(path, geometry, name_of_crs, values, lonlat, crs.is_geographic, warnings)
+
+
+def _read_geojson(path: Path, name: str | None) -> tuple[NDArray[np.object_], list[Any], CRS | None]:
+    with collector_paused():
+        document = read_json(path)
+        features = geojson.features_of(document, path)
+        properties = [feature.get("properties") for feature in features]
+        values = [item.get(name) if isinstance(item, dict) else None for item in properties]
+        return geojson.geometries(features, path), values, geojson.crs_of(document, path)
+
+
+def _read_table(path: Path, name: str | None) -> tuple[NDArray[np.object_], list[Any], CRS | None]:
+    table = read_table(path, [name] if name else [])
+    return table.geometry, table.values(name), table.crs
 
 
 def _sizes(xy: FloatArray, owner: NDArray[np.int64]) -> float:
@@ -141,7 +143,7 @@ def _check_projected(xy: FloatArray, owner: NDArray[np.int64], crs: CRS, path: P
 
 
 def _in_area(lonlat: FloatArray, crs: CRS) -> NDArray[np.bool_]:
-    finite: NDArray[np.bool_] = np.isfinite(lonlat).all(axis=1)
+    finite = np.isfinite(lonlat[:, 0]) & np.isfinite(lonlat[:, 1])
     area = crs.area_of_use
     if area is None:
         return finite

@@ -14,7 +14,7 @@ import numpy as np
 from treereg_core.errors import InputError
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, crs_name, from_frame, to_frame
-from treereg_core.io.files import read_json, reason
+from treereg_core.io.files import collector_paused, read_json, reason
 from treereg_core.io.jsontext import json_line, readable
 from treereg_core.io.tables import read_table
 from treereg_core.judgement import Matches
@@ -29,23 +29,27 @@ def write_registered(source: Survey, transform: Affine, path: Path) -> None:
     too, with all their properties as they stand in the source's file. Raises `InputError` when that file changed
     beyond reading, or `path` cannot be written.
     """
-    members: dict[str, Any] = {}
-    if source.detections.suffix == ".geojson":
-        document = read_json(source.detections)
-        features = geojson.features_of(document, source.detections)
-        crs = crs_name(geojson.crs_of(document, source.detections))
-        if document["type"] == "FeatureCollection":
-            members = {key: item for key, item in document.items() if key not in ("type", "features", "crs", "bbox")}
-    else:
-        table = read_table(source.detections)
-        features = table.features()
-        crs = crs_name(table.crs) if table.crs else WGS84
 
     def moved(xy: FloatArray) -> FloatArray:
         return from_frame(transform(to_frame(xy, crs, source.frame)), source.frame)
 
-    geojson.move(features, moved, source.detections)
-    write_features(features, path, members)
+    with collector_paused():
+        features, members, crs = _source_features(source.detections)
+        geojson.move(features, moved, source.detections)
+        write_features(features, path, members)
+
+
+def _source_features(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any], str]:
+    """The features of a vector file as GeoJSON, coordinates in its own CRS, further members of it, and that CRS."""
+    if path.suffix != ".geojson":
+        table = read_table(path)
+        return table.features(), {}, crs_name(table.crs) if table.crs else WGS84
+    document = read_json(path)
+    features = geojson.features_of(document, path)
+    outdated = {"type", "features", "crs", "bbox"}
+    members = {key: item for key, item in document.items() if key not in outdated}
+    collection = document["type"] == "FeatureCollection"
+    return features, members if collection else {}, crs_name(geojson.crs_of(document, path))
 
 
 def write_matches(reference: Survey, source: Survey, transform: Affine, matches: Matches, path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from treereg_core.errors import UsageError
 from treereg_core.method import FeatureFilter, Method, PointMatcher, RowDetector, RowMatcher
@@ -36,7 +37,7 @@ def parse(text: str, registry: Registry) -> Expression:
     settings: dict[str, dict[str, object]] = {}
     for name in text.split("+"):
         try:
-            offer = registry.entry(name).offer
+            offer = registry.entry(name, (*STAGES, Recipe)).offer
         except UsageError as error:
             raise refusal(text, str(error), registry) from None
         if isinstance(offer, Recipe):
@@ -69,7 +70,7 @@ def flaw_of(stages: Sequence[type[Method]]) -> str | None:
         several = [stage.name for stage in solid if issubclass(stage, kind)]
         if len(several) > 1:
             return f"{' and '.join(several)} are both of the role {kind.role}, of which there can be one"
-    for before, after in zip(solid, solid[1:], strict=False):
+    for before, after in pairwise(solid):
         if rank(before) > rank(after):
             return f"{after.name} ({after.role}) must stand before {before.name} ({before.role})"
     if not any(issubclass(stage, (RowDetector, PointMatcher)) for stage in solid):

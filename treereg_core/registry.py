@@ -1,7 +1,7 @@
 """The registry: which methods, recipes and evaluators are installed, and why the broken ones are not.
 
-Plugins are read one by one, each by a plugin manager of its own, so that a broken one takes no other along; pluggy's own
-loader stops at the first error and drops the second of two entry points of one name.
+Plugins are read one by one, each by a plugin manager of its own, so that a broken one takes no other along. Pluggy's
+own loader stops at the first error, and drops the second of two entry points of one name.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from typing import cast
 
 import pluggy
 
@@ -71,12 +72,15 @@ class Registry:
         """The usable names whose offer is of one of these kinds (roles or `Recipe`)."""
         return [entry.name for entry in self.entries if entry.problem is None and is_of(entry.offer, kinds)]
 
-    def entry(self, name: str) -> Entry:
-        """What stands under this name. `UsageError` when nothing does, `PluginError` when it is broken."""
+    def entry(self, name: str, wanted: tuple[type, ...] = (Method, Recipe)) -> Entry:
+        """What stands under this name. `UsageError` when nothing does, `PluginError` when it is broken.
+
+        `wanted` are the kinds of which the error may name others.
+        """
         named = [entry for entry in self.entries if entry.name == name]
         found = min(named, key=lambda entry: entry.problem is not None, default=None)
         if found is None:
-            raise UsageError(self._unknown(name))
+            raise UsageError(self._unknown(name, self.names(*wanted)))
         if found.problem:
             raise PluginError(f"{name!r} cannot be used: {found.problem}")
         return found
@@ -88,11 +92,11 @@ class Registry:
             raise UsageError(f"{name!r} is a recipe, where a method is wanted")
         return offer
 
-    def _unknown(self, name: str) -> str:
+    @staticmethod
+    def _unknown(name: str, usable: list[str]) -> str:
         distribution = "treereg-" + name.replace("_", "-")
         if distribution in published():
-            return f"{name!r} is not installed; install it with: pip install {distribution}"
-        usable = [entry.name for entry in self.entries if entry.problem is None]
+            return f"{name!r} is not installed; install it with `pip install {distribution}`"
         near = difflib.get_close_matches(name.lower(), usable, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"installed are: {', '.join(usable) or 'none'}"
         return f"there is no method {name!r}; {hint}"
@@ -178,8 +182,10 @@ def entry_of(offer: object, hook: str, blank: Entry) -> Entry:
     flaw = flaw_of(offer, OFFERS[hook])
     if flaw:
         return replace(blank, name=label, problem=f"{label} of {blank.origin} breaks the contract: {flaw}")
-    role = "recipe" if isinstance(offer, Recipe) else str(getattr(offer, "role", ""))
-    return replace(blank, name=label, role=role, offer=offer)
+    if isinstance(offer, Recipe):
+        return replace(blank, name=label, role="recipe", offer=offer)
+    method = cast("type[Method]", offer)
+    return replace(blank, name=label, role=method.role, offer=method)
 
 
 def flaw_of(offer: object, kinds: tuple[type, ...]) -> str | None:

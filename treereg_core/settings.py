@@ -16,6 +16,9 @@ from treereg_core.errors import InputError, UsageError
 Settings = Mapping[str, Mapping[str, object]]
 """Values by stage and parameter."""
 
+OUT_OF_RANGE = {"greater_than", "greater_than_equal", "less_than", "less_than_equal", "literal_error", "enum"}
+"""What pydantic calls a value of the right type outside its range."""
+
 Record = TypeVar("Record", bound=BaseModel)
 
 
@@ -101,9 +104,10 @@ def sentence(kind: type[BaseModel], error: ValidationError, called: Callable[[st
     if not name:
         return message
     allowed = range_in_words(describe(kind)[name])
-    return f"{called(name)} is {first['input']!r}: {message[:1].lower()}{message[1:]}" + (
-        f"; allowed: {allowed}" if allowed else ""
-    )
+    value = f"{called(name)} is {first['input']!r:.80}"
+    if allowed and first["type"] in OUT_OF_RANGE:
+        return f"{value}, but must be {allowed}"
+    return f"{value}: {message[:1].lower()}{message[1:]}" + (f" ({allowed})" if allowed else "")
 
 
 def describe(kind: type[BaseModel]) -> dict[str, dict[str, Any]]:
@@ -129,8 +133,8 @@ def flat(field: Mapping[str, Any], definitions: Mapping[str, Any]) -> dict[str, 
 def range_in_words(field: Mapping[str, Any]) -> str:
     """The allowed values of a described setting, such as `above 0, at most 10 m`; empty without bounds."""
     if "enum" in field:
-        return ", ".join(str(value) for value in field["enum"])
+        return " or ".join(str(value) for value in field["enum"])
     words = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
-    bounds = ", ".join(f"{word} {field[key]:g}" for key, word in words.items() if key in field)
+    bounds = ", ".join(f"{word} {field[key]:.10g}" for key, word in words.items() if key in field)
     unit = field.get("unit")
     return f"{bounds} {unit}" if bounds and unit else bounds

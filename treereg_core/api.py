@@ -1,0 +1,109 @@
+"""Registration of one survey onto another, in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from treereg_core import io
+from treereg_core.errors import NoRegistration, UsageError
+from treereg_core.features import FeatureSet
+from treereg_core.method import Context, silent
+from treereg_core.options import Options
+from treereg_core.pair import Pair
+from treereg_core.pipeline import Clock
+from treereg_core.plan import Plan, plan_for
+from treereg_core.registry import installed
+from treereg_core.result import Result, trees
+from treereg_core.settings import record
+from treereg_core.survey import Survey
+from treereg_core.transform import Model
+
+Trees = str | Path | Survey | FeatureSet
+
+
+def register(
+    reference: Trees,
+    source: Trees,
+    *,
+    method: str | None = None,
+    start: str | Path | None = None,
+    model: Model | str = Model.RIGID,
+    georeference_sd: float | None = None,
+    max_failure: float = 0.001,
+    settings: Mapping[str, Mapping[str, object]] | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Result:
+    """Register `source` onto `reference`: the same as `treereg run`, as an object, and nothing is written.
+
+    Both are survey folders, or both `Survey` objects in one frame, or both `FeatureSet` objects in one frame of metres.
+    `method` and `start` default to the best measured; `settings` are by stage and parameter; the rest is as in
+    `treereg run --help`. Raises `InputError` for surveys and `UsageError` for options that cannot be used.
+    """
+    given = {
+        "method": method,
+        "start": None if start is None else str(start),
+        "model": model,
+        "georeference_sd": georeference_sd,
+        "max_failure": max_failure,
+        "settings": {stage: dict(values) for stage, values in (settings or {}).items()},
+        "seed": seed,
+        "threads": threads,
+    }
+    options = record(Options, {name: value for name, value in given.items() if value is not None}, str)
+    plan = plan_for(options, installed())
+    clock = Clock()
+    with clock("read"):
+        surveys = read(reference, source, plan)
+    return execute(plan, surveys, clock)
+
+
+def read(reference: Trees, source: Trees, plan: Plan) -> tuple[Survey, Survey] | tuple[FeatureSet, FeatureSet]:
+    """Both as surveys, or both as trees, in one frame."""
+    if isinstance(reference, FeatureSet) and isinstance(source, FeatureSet):
+        return reference, source
+    if isinstance(reference, Survey) and isinstance(source, Survey):
+        if reference.frame != source.frame:
+            raise UsageError(
+                "the two surveys are not in one frame; read them together with treereg_core.io.read_surveys"
+            )
+        return reference, source
+    if isinstance(reference, str | Path) and isinstance(source, str | Path):
+        return io.read_surveys(Path(reference), Path(source), same_place=plan.start_file is None)
+    raise UsageError("give both surveys as folders, or both as Survey, or both as FeatureSet objects")
+
+
+def execute(
+    plan: Plan,
+    surveys: tuple[Survey, Survey] | tuple[FeatureSet, FeatureSet],
+    clock: Clock,
+    progress: Callable[[str], None] = silent,
+) -> Result:
+    """Carry out a plan: the starts, the stages from each, and the judge over all that comes out."""
+    options = plan.options
+    context = Context(options.model, options.seed, options.threads, options.georeference_sd, progress)
+    pair = Pair(trees(surveys[0]), trees(surveys[1]))
+    with clock("start"):
+        begins = starts(plan, pair, surveys[0], context)
+    candidates = plan.pipeline.registrations(begins, context, clock)
+    progress("judge")
+    with clock("judge"):
+        judgement = plan.judge.judge(pair, candidates, context, options.max_failure)
+    return Result(plan, surveys[0], surveys[1], judgement, dict(clock.seconds))
+
+
+def starts(plan: Plan, pair: Pair, reference: Survey | FeatureSet, context: Context) -> tuple[Pair, ...]:
+    """The placements from which the stages begin; none when the coarse aligner finds nothing."""
+    context.progress(f"start: {plan.options.start}")
+    if plan.aligner:
+        try:
+            return plan.aligner.propose(pair, context)
+        except NoRegistration as reason:
+            context.progress(f"{plan.aligner.name} found no start: {reason}")
+            return ()
+    if plan.start_file is None:
+        return (pair,)
+    if not isinstance(reference, Survey):
+        raise UsageError(f"start {str(plan.start_file)!r}: a start from a file needs surveys that have a CRS")
+    return (pair.at(io.read_transform(plan.start_file, reference.frame)),)

@@ -1,0 +1,87 @@
+"""The commands in one application, and what becomes of their errors."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import metadata
+from typing import Annotated
+
+import typer
+
+from treereg_core.cli.check import check
+from treereg_core.cli.console import console
+from treereg_core.cli.methods import methods
+from treereg_core.cli.run import run
+from treereg_core.cli.simulate import simulate
+from treereg_core.errors import TreeregError
+
+app = typer.Typer(
+    name="treereg",
+    help="Lays one drone survey of an orchard exactly over another, tree on tree, and says when it cannot.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"treereg {metadata.version('treereg')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _treereg(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Lays one drone survey of an orchard exactly over another, tree on tree, and says when it cannot."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+for _command in (run, methods, check, simulate):
+    app.command()(_command)
+
+
+def carry_out(arguments: Sequence[str] | None) -> int:
+    """Carry out one command and give its exit code; every error becomes one sentence on stderr."""
+    console.reset()
+    try:
+        code = app(args=arguments, prog_name="treereg", standalone_mode=False)
+        sys.stdout.flush()
+        return code or 0
+    except TreeregError as error:
+        console.fail(error, str(error))
+        return 2
+    except typer.TyperException as error:
+        console.fail(error, usage_sentence(error))
+        return 2
+    except typer.Abort:
+        return 130
+    except BrokenPipeError:  # nobody reads stdout any more; flushing it at exit must not fail again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        text = " ".join(str(error).split()) or "no message"
+        console.fail(error, f"a fault of treereg or a plugin, please report it ({type(error).__name__}: {text})")
+        return 1
+
+
+def usage_sentence(error: typer.TyperException) -> str:
+    """What is wrong with the command line, and which help or file tells more."""
+    message = " ".join(error.format_message().split())
+    context = getattr(error, "ctx", None)
+    parameter = getattr(error, "param", None)
+    if context is None:
+        return message
+    if parameter is not None and parameter.name in (context.default_map or {}):
+        source = context.get_parameter_source(parameter.name)
+        if source is not None and source.name == "DEFAULT_MAP":
+            return f"{context.params.get('config')}: {message}"
+    return f"{message.rstrip('.')}; see '{context.command_path} --help'"

@@ -1,0 +1,60 @@
+"""`treereg check`: the contract's laws on a method, an expression or a plugin file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from treereg_core.cli.console import Verbose
+from treereg_core.errors import PluginError
+from treereg_core.expression import parse
+from treereg_core.method import Method
+from treereg_core.pipeline import Pipeline
+from treereg_core.recipe import Recipe
+from treereg_core.registry import Registry, from_file, installed
+
+
+def check(
+    target: Annotated[str, typer.Argument(metavar="NAME|EXPR|FILE.py", help="What to check.")],
+    verbose: Verbose = False,
+) -> int:
+    """Run the contract's laws on a method, an expression or every method of a plugin file, and print each."""
+    from treereg_core.testing import check as run_laws
+
+    broken = 0
+    for name, method in targets(target, installed()):
+        print(name)
+        for law in run_laws(method):
+            mark = "skipped" if law.skipped else "ok" if law.passed else "BROKEN"
+            print(f"  {mark:8}{law.name}{': ' + law.message if law.message else ''}", flush=True)
+            broken += not law.passed and not law.skipped
+    print(f"{broken} laws broken" if broken else "every law holds")
+    return 3 if broken else 0
+
+
+def targets(target: str, registry: Registry) -> Iterator[tuple[str, Method]]:
+    """What is to be checked, with its name: each with its default settings."""
+    if target.endswith(".py"):
+        entries = from_file(Path(target))
+        for entry in entries:
+            if entry.problem:
+                raise PluginError(entry.problem)
+        own = Registry((*entries, *(e for e in registry.entries if e.name not in {entry.name for entry in entries})))
+        for entry in entries:
+            yield from named(entry.name, own)
+    else:
+        yield from named(target, registry)
+
+
+def named(name: str, registry: Registry) -> Iterator[tuple[str, Method]]:
+    """A single method as it is, anything else as the pipeline of its expression."""
+    offer = None if "+" in name else registry.entry(name).offer
+    if offer is not None and not isinstance(offer, Recipe):
+        yield name, offer()
+    else:
+        expression = parse(name, registry)
+        stages = [stage(**expression.settings.get(stage.name, {})) for stage in expression.stages]
+        yield name, Pipeline.of(stages)

@@ -1,0 +1,53 @@
+"""`--config FILE.toml`: long options at the top, a table per stage; the command line wins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from treereg_core.errors import InputError
+from treereg_core.settings import read_config, suggestion
+
+TABLES = "treereg.config.tables"
+ONLY_ON_THE_COMMAND_LINE = frozenset({"config", "set", "help"})
+
+
+def _use(context: typer.Context, path: Path | None) -> Path | None:
+    if path is None:
+        return None
+    options, context.meta[TABLES] = read_config(path)
+    parameters = {
+        option.removeprefix("--"): parameter.name
+        for parameter in context.command.params
+        for option in parameter.opts
+        if option.startswith("--") and option.removeprefix("--") not in ONLY_ON_THE_COMMAND_LINE
+    }
+    given: dict[str, Any] = {}
+    for name, value in options.items():
+        if name not in parameters:
+            raise InputError(f"{path}: there is no option {name!r}{suggestion(name, parameters)}")
+        if isinstance(value, list):
+            raise InputError(f"{path}: {name} is a list; give one value.")
+        given[str(parameters[name])] = value
+    context.default_map = {**(context.default_map or {}), **given}
+    return path
+
+
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        callback=_use,
+        is_eager=True,
+        metavar="FILE.toml",
+        help="Options from a file: long options at the top, a table for each stage; the command line wins.",
+    ),
+]
+
+
+def tables(context: typer.Context) -> dict[str, dict[str, object]]:
+    """The tables of the configuration file, by stage; none without a file."""
+    found: dict[str, dict[str, object]] = context.meta.get(TABLES, {})
+    return found

@@ -1,0 +1,62 @@
+"""What goes to stderr: progress, warnings, and errors in one sentence."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+
+@dataclass
+class Console:
+    """How much one command says on stderr; set by `-v` and `-q` as they are read."""
+
+    verbose: bool = False
+    quiet: bool = False
+
+    def reset(self) -> None:
+        """Back to the ordinary amount, for the next command of the same process."""
+        self.verbose = self.quiet = False
+
+    def progress(self, message: str) -> None:
+        """What is being done; silent with `-q`."""
+        if not self.quiet:
+            self.say(message)
+
+    def warn(self, message: str) -> None:
+        """Something a user should know; `-q` does not silence it."""
+        self.say(f"warning: {message}")
+
+    def fail(self, error: BaseException, message: str) -> None:
+        """One sentence on what went wrong; where in the code only with `-v`."""
+        if self.verbose:
+            traceback.print_exception(error, file=sys.stderr)
+        self.say(f"treereg: {message}" if message.endswith((".", "?")) else f"treereg: {message}.")
+
+    @staticmethod
+    def say(message: str) -> None:
+        """A line on stderr."""
+        print(message, file=sys.stderr, flush=True)
+
+
+console = Console()
+
+
+def _set_verbose(value: bool) -> None:
+    console.verbose = value
+
+
+def _set_quiet(value: bool) -> None:
+    console.quiet = value
+
+
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", callback=_set_verbose, is_eager=True, help="Where an error arose, with traceback."),
+]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_set_quiet, is_eager=True, help="No progress on stderr.")
+]

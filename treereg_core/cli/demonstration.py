@@ -1,0 +1,34 @@
+"""The demonstration of `treereg run` without folders: a simulated orchard whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from treereg_core import io
+from treereg_core.evaluator import Problem, Truth
+from treereg_core.result import Result, trees
+from treereg_core.survey import Survey
+
+DEMONSTRATION = "demonstration"
+
+
+def make_orchard(folder: Path, seed: int) -> Path:
+    """Write survey folders `reference` and `source` of a simulated orchard; gives the file of its truth."""
+    from treereg_core.simulate import Scene, simulate, write_simulation
+
+    write_simulation(simulate(Scene(), seed), folder)
+    return folder / "truth.json"
+
+
+def made_at(folder: Path, reference: Survey, source: Survey) -> tuple[Survey, Survey]:
+    """The surveys under the path where they will lie when the run is complete."""
+    return replace(reference, path=folder / "reference"), replace(source, path=folder / "source")
+
+
+def true_error(result: Result, truth_file: Path) -> float | None:
+    """The true error over the source's trees, RMS, metres; None without a placement."""
+    if result.frame is None:
+        return None
+    truth = io.read_transform(truth_file, result.frame)
+    return Truth().score(result.judgement, Problem(trees(result.reference), trees(result.source), truth))["error_m"]

@@ -1,0 +1,103 @@
+"""`treereg methods`: what is installed, and the settings of one method."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import textwrap
+from typing import Annotated, Any
+
+import typer
+
+from treereg_core.cli.console import Verbose
+from treereg_core.judge import Judge
+from treereg_core.method import Method
+from treereg_core.recipe import Recipe
+from treereg_core.registry import Entry, installed
+from treereg_core.settings import describe, range_in_words
+
+
+def methods(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="One of them, or `judge`, to see its settings.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
+    verbose: Verbose = False,
+) -> None:
+    """List every installed method, recipe and evaluator; with NAME its settings, units, ranges and source paper."""
+    registry = installed()
+    if name is None:
+        rows = [as_plain(entry) for entry in registry.entries]
+        print(json.dumps(rows, indent=1, ensure_ascii=False) if as_json else table(registry.entries))
+        return
+    offer, row = (Judge, judge_row()) if name == "judge" else described(registry.entry(name))
+    print(json.dumps(row, indent=1, ensure_ascii=False) if as_json else page(offer, row))
+
+
+def table(entries: tuple[Entry, ...]) -> str:
+    """One line for each entry: name, role, distribution and version, what it is."""
+    rows = [(e.name, "BROKEN" if e.problem else e.role, e.origin, e.description) for e in entries]
+    if not rows:
+        return "no methods are installed; install them with: pip install 'treereg[all]'"
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return "\n".join("  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[3]]) for row in rows)
+
+
+def as_plain(entry: Entry) -> dict[str, Any]:
+    """An entry as plain values."""
+    row: dict[str, Any] = {
+        "name": entry.name,
+        "role": entry.role,
+        "distribution": entry.distribution,
+        "version": entry.version,
+        "description": entry.description,
+        "problem": entry.problem,
+    }
+    if isinstance(entry.offer, Recipe):
+        return {**row, "expression": entry.offer.expression, "settings": dict(entry.offer.settings)}
+    if entry.offer is None:
+        return row
+    models = [model.value for model in sorted(entry.offer.models, key=lambda model: model.parameters)]
+    return {**row, "source": source_of(entry.offer), "models": models, "settings": describe(entry.offer)}
+
+
+def described(entry: Entry) -> tuple[type | Recipe | None, dict[str, Any]]:
+    """The offer and its plain values."""
+    return entry.offer, as_plain(entry)
+
+
+def judge_row() -> dict[str, Any]:
+    """The judge in the same words as a method."""
+    first = (inspect.getdoc(Judge) or "").partition("\n")[0]
+    return {"name": "judge", "role": "judge", "description": first, "settings": describe(Judge)}
+
+
+def source_of(offer: type[Method]) -> str | None:
+    """The source papers that a docstring names, by DOI; None without one."""
+    found = [doi.rstrip(".,:;)") for doi in re.findall(r"doi:(10\.\S+)", inspect.getdoc(offer) or "")]
+    return ", ".join(f"https://doi.org/{doi}" for doi in dict.fromkeys(found)) or None
+
+
+def page(offer: type | Recipe | None, row: dict[str, Any]) -> str:
+    """Everything about one method, for people."""
+    origin = f", {row['distribution']} {row['version']}" if row.get("distribution") else ""
+    parts = [f"{row['name']}: {row['role']}{origin}", ""]
+    if isinstance(offer, Recipe):
+        parts += [row["description"], "", f"stands for {row['expression']}"]
+        parts += [f"  {stage}.{k} = {v}" for stage, values in offer.settings.items() for k, v in values.items()]
+        return "\n".join(parts)
+    parts.append(inspect.getdoc(offer) or "")
+    if row.get("source"):
+        parts += ["", f"Source: {row['source']}"]
+    if row.get("models"):
+        parts += ["", f"Models: {', '.join(row['models'])}"]
+    parts += ["", "Settings:" if row["settings"] else "No settings."]
+    for name, setting in row["settings"].items():
+        unit = f" {setting['unit']}" if "unit" in setting else ""
+        allowed = range_in_words(setting)
+        kind = setting.get("type", "value") if "enum" not in setting else "choice"
+        default = json.dumps(setting.get("default"), ensure_ascii=False)
+        parts.append(f"  {row['name']}.{name} = {default}{unit}  ({kind}{'; ' + allowed if allowed else ''})")
+        parts += textwrap.wrap(setting.get("description", ""), 110, initial_indent="      ", subsequent_indent="      ")
+    return "\n".join(parts)

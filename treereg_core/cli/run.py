@@ -1,0 +1,122 @@
+"""`treereg run`: register one survey folder onto another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from treereg_core import io
+from treereg_core.api import execute
+from treereg_core.cli.config import Config, tables
+from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.demonstration import DEMONSTRATION, made_at, make_orchard, true_error
+from treereg_core.cli.summary import summary
+from treereg_core.errors import UsageError
+from treereg_core.io.output import DEFAULT_OUT
+from treereg_core.options import Options, defaults
+from treereg_core.outputs import REGISTRATION, write_result
+from treereg_core.pipeline import Clock
+from treereg_core.plan import Plan, plan_for
+from treereg_core.registry import installed
+from treereg_core.settings import merge, parse_assignments, record
+from treereg_core.survey import Survey
+
+
+def run(
+    context: typer.Context,
+    reference: Annotated[
+        Path | None, typer.Argument(metavar="REFERENCE", help="Survey folder that stays where it is.")
+    ] = None,
+    source: Annotated[Path | None, typer.Argument(metavar="SOURCE", help="Survey folder that is laid over it.")] = None,
+    method: Annotated[str, typer.Option(metavar="EXPR", help="Methods in running order.")] = defaults()["method"],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")] = DEFAULT_OUT,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the files of an earlier run.")] = False,
+    start: Annotated[
+        str,
+        typer.Option(metavar="NAME|identity|FILE", help="A coarse aligner, the files' own georeference, or a .json."),
+    ] = defaults()["start"],
+    georeference_sd: Annotated[
+        float | None, typer.Option(metavar="METRES", help="How far the georeference may be off, 1 sd per axis.")
+    ] = None,
+    model: Annotated[str, typer.Option(metavar="rigid|similarity|affine", help="What is fitted.")] = "rigid",
+    max_failure: Annotated[
+        float, typer.Option(metavar="P", help="Accepted only at a failure probability of at most this.")
+    ] = 0.001,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="A setting; repeatable.")
+    ] = None,
+    config: Config = None,
+    force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
+    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
+    threads: Annotated[int | None, typer.Option(help="Default: as many as there are processors.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print registration.json instead of a summary.")] = False,
+    confidence_property: Annotated[
+        str, typer.Option(metavar="NAME", help="The property that holds the confidence.")
+    ] = "confidence",
+    verbose: Verbose = False,
+    quiet: Quiet = False,
+) -> int:
+    """Register SOURCE onto REFERENCE, two survey folders; without them a demonstration orchard."""
+    if (reference is None) != (source is None):
+        raise UsageError("one survey folder alone cannot be registered; give REFERENCE and SOURCE, or neither.")
+    given = {
+        "method": method,
+        "start": start,
+        "georeference_sd": georeference_sd,
+        "model": model,
+        "max_failure": max_failure,
+        "settings": merge(tables(context), parse_assignments(set_ or ())),
+        "seed": seed,
+        "threads": threads,
+    }
+    plan = settle(given, config)
+    inputs = [folder for folder in (reference, source) if folder]
+    with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
+        truth = None
+        if not inputs:
+            truth = make_orchard(folder / DEMONSTRATION, seed)
+            inputs = [truth.parent / "reference", truth.parent / "source"]
+        clock = Clock()
+        surveys = read(inputs, plan, confidence_property, clock)
+        if truth:
+            surveys = made_at(out / DEMONSTRATION, *surveys)
+        result = execute(plan, surveys, clock, console.progress)
+        files = write_result(result, folder, force)
+        error_m = true_error(result, truth) if truth else None
+        text = (folder / REGISTRATION).read_bytes()
+    if as_json:
+        typer.echo(text, nl=False)
+        if error_m is not None:
+            console.progress(f"true error {error_m:.3f} m")
+    else:
+        print(summary(result, out, files, error_m))
+    return 0 if result.accepted else 3
+
+
+def settle(given: Mapping[str, object], config: Path | None) -> Plan:
+    """The plan of these options; an error says that a configuration file had a word in it."""
+    try:
+        named = {name: value for name, value in given.items() if value is not None}
+        return plan_for(record(Options, named, option_name), installed())
+    except UsageError as error:
+        raise UsageError(f"{error} (options are read from {config} too)" if config else str(error)) from error
+
+
+def option_name(field: str) -> str:
+    """The long option of a field of the options."""
+    return "--" + field.replace("_", "-")
+
+
+def read(folders: Sequence[Path], plan: Plan, confidence_property: str, clock: Clock) -> tuple[Survey, Survey]:
+    """The two surveys in one frame, their warnings said."""
+    console.progress("read")
+    with clock("read"):
+        surveys = io.read_surveys(
+            folders[0], folders[1], confidence_property=confidence_property, same_place=plan.start_file is None
+        )
+    for warning in (*surveys[0].warnings, *surveys[1].warnings):
+        console.warn(warning)
+    return surveys

@@ -1,0 +1,81 @@
+"""`treereg simulate`: two survey folders with their truth."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.errors import UsageError
+from treereg_core.io import SIMULATION_NAMES, OutputFolder
+from treereg_core.settings import describe, parse_value, range_in_words, record, suggestion
+from treereg_core.simulate.scene import Scene
+
+
+def flag(field: str) -> str:
+    """The long option of a field."""
+    return "--" + field.replace("_", "-")
+
+
+def with_scene(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with an option for every field of a scene, given to it as keywords."""
+    own = [p for p in inspect.signature(command, eval_str=True).parameters.values() if p.kind is not p.VAR_KEYWORD]
+    options = {field: scene_option(field, words) for field, words in describe(Scene).items()}
+    added = [
+        inspect.Parameter(field, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
+        for field, option in options.items()
+    ]
+    command.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, *added)}
+    return command
+
+
+def scene_option(field: str, words: dict[str, Any]) -> Any:
+    """The annotation of one option; its text is read and checked by the scene itself."""
+    allowed = range_in_words(words)
+    help_text = words.get("description", "") + (f" ({allowed})" if allowed else "")
+    default = words.get("default")
+    if words.get("type") == "boolean":
+        return Annotated[bool | None, typer.Option(f"{flag(field)}/--no-{flag(field)[2:]}", help=help_text)]
+    unit = "METRES" if words.get("unit") == "m" else "DEGREES" if words.get("unit") == "deg" else "VALUE"
+    if "array" in words.get("type", ""):
+        return Annotated[tuple[float, float] | None, typer.Option(flag(field), metavar="X Y", help=help_text)]
+    shown = "" if default is None else f" [default: {default}]"
+    return Annotated[str | None, typer.Option(flag(field), metavar=unit, help=help_text + shown)]
+
+
+@with_scene
+def simulate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Gets reference, source and truth.json.")],
+    *,
+    family: Annotated[str | None, typer.Option(help="A named family of scenes, instead of scene options.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same surveys.")] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what an earlier simulate wrote.")] = False,
+    verbose: Verbose = False,
+    quiet: Quiet = False,
+    **scene: Any,
+) -> None:
+    """Simulate two survey folders, DIR/reference and DIR/source, with the truth in DIR/truth.json."""
+    from treereg_core.simulate import FAMILIES, simulate, simulate_family, write_simulation
+
+    given = {field: plain(value) for field, value in scene.items() if value is not None}
+    if family is None:
+        made = simulate(record(Scene, given, flag), seed)
+    elif given:
+        raise UsageError(f"--family and {flag(next(iter(given)))} exclude each other; leave one out.")
+    elif family not in FAMILIES:
+        raise UsageError(f"--family: there is no family {family!r}{suggestion(family, FAMILIES)}")
+    else:
+        made = simulate_family(family, seed)
+    with OutputFolder(folder, overwrite=overwrite, names=SIMULATION_NAMES) as staging:
+        write_simulation(made, staging)
+    console.progress(f"{len(made.reference)} and {len(made.source)} trees written to {folder}")
+
+
+def plain(value: Any) -> Any:
+    """A number where an option's text shows one."""
+    return parse_value(value) if isinstance(value, str) else value

@@ -1,0 +1,149 @@
+"""The pipeline: a flat map of a pair over the stages of an expression, itself a point matcher."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydantic import SerializeAsAny
+
+from treereg_core.errors import NoRegistration
+from treereg_core.features import FeatureSet
+from treereg_core.method import (
+    Context,
+    FeatureFilter,
+    Method,
+    PointMatcher,
+    Registration,
+    RowDetector,
+    RowMatcher,
+)
+from treereg_core.pair import MatchedRows, Pair, Rows
+from treereg_core.rows import NearestRows, trees_along_rows
+
+NO_MATCHES = np.empty((0, 2), dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Adds up the seconds spent by name: `with clock("read"): ...`."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Time a block, also when it raises."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the fold stands: the pair, and the last fit to it."""
+
+    pair: Pair
+    registration: Registration | None = None
+
+
+class Pipeline(PointMatcher):
+    """Stages in running order as one point matcher; the source of each is its own docstring.
+
+    Make it with `Pipeline.of`, which adds the default row matcher where an expression has a row detector alone.
+    """
+
+    name = "pipeline"
+    stages: tuple[SerializeAsAny[Method], ...]
+
+    @classmethod
+    def of(cls, stages: Sequence[Method]) -> Pipeline:
+        """The pipeline of these stages, with the row matcher of nearest summed distances where rows have none."""
+        full = list(stages)
+        detector = next((place for place, stage in enumerate(full) if isinstance(stage, RowDetector)), None)
+        if detector is not None and not any(isinstance(stage, RowMatcher) for stage in full):
+            matcher = next((place for place, s in enumerate(full) if isinstance(s, PointMatcher)), len(full))
+            full.insert(matcher, NearestRows())
+        return cls(stages=tuple(full))
+
+    def register(self, pair: Pair, context: Context) -> Registration:
+        """The first result from where the pair lies now. Raises `NoRegistration` when a stage finds nothing."""
+        return next(iter(Run(self.stages, context).results(pair)))
+
+    def registrations(self, starts: Sequence[Pair], context: Context, clock: Clock | None = None) -> list[Registration]:
+        """The results from all starts, in their order; a start from which a stage finds nothing gives none."""
+        run = Run(self.stages, context, clock or Clock())
+        found: list[Registration] = []
+        for start in starts:
+            try:
+                found += run.results(start)
+            except NoRegistration as reason:
+                context.progress(f"one start gave nothing: {reason}")
+        return found
+
+
+@dataclass(frozen=True)
+class Run:
+    """One pass of several starts through the same stages; rows of the same trees are detected once."""
+
+    stages: tuple[Method, ...]
+    context: Context
+    clock: Clock = field(default_factory=Clock)
+    rows: dict[bytes, Rows] = field(default_factory=dict)
+
+    def results(self, pair: Pair) -> list[Registration]:
+        """What comes out of the last stage, at least one. Raises `NoRegistration` when nothing does."""
+        states = [State(pair)]
+        reason = NoRegistration("the stages gave no result")
+        for stage in self.stages:
+            after: list[State] = []
+            for state in states:
+                try:
+                    with self.clock(stage.name):
+                        after += self.step(stage, state)
+                except NoRegistration as dropped:
+                    reason = dropped
+            states = after
+        if not states:
+            raise reason
+        return [state.registration or self.by_rows(state.pair) for state in states]
+
+    def step(self, stage: Method, state: State) -> list[State]:
+        """What one stage makes of one state."""
+        pair = state.pair
+        match stage:
+            case FeatureFilter():
+                return [State(stage.select(pair, self.context), state.registration)]
+            case RowDetector():
+                rows = MatchedRows(self.detect(stage, pair.reference), self.detect(stage, pair.source), NO_MATCHES)
+                return [State(Pair(pair.reference, pair.source, pair.reference_from_source, rows))]
+            case RowMatcher():
+                return [State(matched) for matched in stage.match(pair, self.context)]
+            case PointMatcher():
+                registration = stage.register(pair, self.context)
+                return [State(pair.at(registration.transform), registration)]
+        raise TypeError(f"{stage.name} of the role {stage.role} cannot be a stage of a pipeline")
+
+    def detect(self, detector: RowDetector, features: FeatureSet) -> Rows:
+        """The rows of one survey, remembered by detector and features."""
+        digest = hashlib.blake2b(f"{detector.name} {detector.model_dump_json()}".encode())
+        arrays = (features.ids, features.xy, features.confidence, features.area, features.weight)
+        for array in (*arrays, *features.attributes.values()):
+            digest.update(array.tobytes())
+        key = digest.digest()
+        if key not in self.rows:
+            self.rows[key] = detector.detect(features, self.context)
+        return self.rows[key]
+
+    @staticmethod
+    def by_rows(pair: Pair) -> Registration:
+        """The result of an expression without a point matcher: the trees along the rows, where the matcher put them."""
+        pairs = trees_along_rows(pair)
+        if not len(pairs):
+            raise NoRegistration("no trees stand opposite each other along the matched rows")
+        return Registration(pair.reference_from_source, pairs, np.ones(len(pairs)))

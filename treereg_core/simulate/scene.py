@@ -100,7 +100,7 @@ class Scene(BaseModel):
     distortion: float = Field(
         0.0,
         ge=0,
-        description="RMS length of a smooth displacement of the source with waves of 0.5 to 1.5 field sizes",
+        description="smooth displacement of the source, waves of 0.5 to 1.5 field sizes; nine trees in ten move less",
         json_schema_extra=_METRES,
     )
     same_orchard: bool = Field(True, description="whether both show the same orchard; if not, there is no truth")

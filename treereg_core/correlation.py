@@ -1,0 +1,176 @@
+"""Correlation: every shift of one survey over another at once, by FFT, and the shifts worth a closer look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, ndimage
+
+from treereg_core.evidence import Evidence, Side
+from treereg_core.features import IntArray
+from treereg_core.transform import Affine, FloatArray
+
+CELL = 1 / 3
+KERNEL = 0.25
+COARSER = 4
+LEAST_COMMON = 0.04
+LEAST_TREES = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """Shifts at which many trees meet, best first, all with the linear part and of the kind of `template`.
+
+    `shift` (k, 2) metres; `met` (k,) is about how many trees meet there; `score` (k,) ranks them: the evidence
+    (twice the log-likelihood) that the share of met trees and the agreement of their crowns give, against all other
+    peaks.
+    """
+
+    template: Affine
+    shift: FloatArray
+    met: FloatArray
+    score: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.shift)
+
+    def foremost(self, count: int) -> IntArray:
+        """Positions of the best by score, and of as many at which most trees meet."""
+        return np.unique(np.concatenate([np.arange(min(count, len(self))), np.argsort(-self.met)[:count]]))
+
+    def transform(self, k: int) -> Affine:
+        """The k-th placement."""
+        return type(self.template)(self.template.linear, self.shift[k])
+
+
+class Correlator:
+    """Correlates two surveys under any linear map; the reference's half of the work is done once per grid.
+
+    Density and crown size (the evidence's scores) are drawn on a grid of a third of the tree spacing; on coarser grids
+    neighbouring peaks merge. The half turn comes with every map at the price of two inverse transforms. Phase-free
+    cross-correlation as in Reddy & Chatterji 1996, doi:10.1109/83.506761, on points instead of pixels.
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.reference, self.source = evidence.reference, evidence.source
+        self.spacing, self.threads = evidence.spacing, evidence.threads
+        self.cell = CELL * evidence.spacing
+        sides = (self.reference, self.source)
+        self.weights = [
+            np.clip(side.features.confidence / max(float(side.features.confidence.mean()), 1e-9), 0.3, 1.5)
+            for side in sides
+        ]
+        densities = [w.sum() / max(s.footprint.area, 1e-9) for w, s in zip(self.weights, sides, strict=True)]
+        self.density = float(np.sqrt(densities[0] * densities[1]))
+        self.least = max(LEAST_TREES, LEAST_COMMON * min(float(w.sum()) for w in self.weights))
+
+    def at(self, template: Affine) -> tuple[Peaks, Peaks]:
+        """All shifts worth a look for the linear part of `template`, and for that and a half turn."""
+        reference, source = self.reference, self.source
+        moved = source.features.xy @ template.linear.T
+        fixed_low, moved_low = reference.features.xy.min(axis=0), moved.min(axis=0)
+        size = np.ptp(reference.features.xy, axis=0) + np.ptp(moved, axis=0) + 4 * self.cell
+        shape = self._shape(size, self.cell)
+        blur = _gaussian(shape, KERNEL * self.spacing / self.cell)
+
+        def spectrum(points: FloatArray, values: FloatArray) -> FloatArray:
+            grid = _draw(points / self.cell, values, shape)
+            return np.asarray(fft.rfft2(grid, workers=self.threads))
+
+        fixed = reference.features.xy - fixed_low
+        density = spectrum(fixed, self.weights[0]) * blur
+        crowns = spectrum(fixed, self.weights[0] * reference.scores["area"]) * blur
+        moved = moved - moved_low
+        moving = spectrum(moved, self.weights[1]), spectrum(moved, self.weights[1] * source.scores["area"])
+
+        coarse_cell = COARSER * self.cell
+        coarse_shape = self._shape(size + 2 * coarse_cell, coarse_cell)
+        mask = self._mask(reference, np.eye(2), fixed_low, coarse_cell, coarse_shape)
+        moving_mask = self._mask(source, template.linear, moved_low, coarse_cell, coarse_shape)
+
+        peaks = []
+        # Indices count f - m for the map itself, which wraps below 0, and f + m for the half turn, which does not.
+        reach = np.ptp(reference.features.xy, axis=0) / self.cell + 2
+        for sign, corner, limit in ((1, moved_low, reach), (-1, -moved_low, np.array(shape))):
+
+            def correlate(a: FloatArray, b: FloatArray, s: tuple[int, int], sign: int = sign) -> FloatArray:
+                return np.asarray(fft.irfft2(a * (np.conj(b) if sign > 0 else b), s=s, workers=self.threads))
+
+            maps = correlate(density, moving[0], shape), correlate(crowns, moving[1], shape)
+            common = correlate(mask, moving_mask, coarse_shape) * (coarse_cell**2 * self.density)
+            shift, trees, score = self._peaks(*maps, common, coarse_cell, limit)
+            turned = type(template)(sign * template.linear, template.shift)
+            peaks.append(Peaks(turned, shift + fixed_low - corner, trees, score))
+        return peaks[0], peaks[1]
+
+    @staticmethod
+    def _shape(size: FloatArray, cell: float) -> tuple[int, int]:
+        x, y = (fft.next_fast_len(int(np.ceil(s / cell)) + 1, real=True) for s in size)
+        return x, y
+
+    def _mask(
+        self, side: Side, linear: FloatArray, corner: FloatArray, cell: float, shape: tuple[int, int]
+    ) -> FloatArray:
+        footprint = side.footprint
+        points = footprint.points @ linear.T - corner
+        values = np.full(len(points), (footprint.cell / cell) ** 2)
+        return np.asarray(fft.rfft2(_draw(points / cell, values, shape)))
+
+    def _peaks(
+        self, met: FloatArray, crowns: FloatArray, common: FloatArray, coarse_cell: float, limit: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Local maxima of the met trees, with sub-cell shifts in metres, met trees and scores; best first."""
+        i, j = np.nonzero((met == ndimage.maximum_filter(met, size=3, mode="wrap")) & (met > self.least / 3))
+        fine = np.column_stack([_parabola(met, i, j, axis) for axis in (0, 1)])
+        shift = np.column_stack([i, j]) + fine
+        shift = np.where(shift > limit, shift - met.shape, shift) * self.cell
+        shared = ndimage.map_coordinates(common, (shift / coarse_cell).T, order=1, mode="grid-wrap")
+        keep = shared > self.least
+        i, j, shift, shared = i[keep], j[keep], shift[keep], shared[keep]
+        trees = met[i, j]
+        # The peaks that most trees meet at are what a wrong placement on the lattice looks like.
+        decoys = np.argsort(-trees)[: max(60, len(trees) // 20)]
+        share = trees / shared
+        z_met = (share - np.median(share[decoys]) if len(decoys) else share) * np.sqrt(shared)
+        z_crowns = crowns[i, j] / np.sqrt(np.maximum(trees, 1))
+        score = sum(np.sign(z) * z**2 for z in (_unit(z_met, decoys, 0.2), _unit(z_crowns, decoys, 0.3)))
+        order = np.argsort(-score, kind="stable")
+        return shift[order], trees[order], np.asarray(score)[order]
+
+
+def _draw(position: FloatArray, values: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """Values (n,) at grid positions (n, 2), each shared among its four nearest cells; the grid wraps around."""
+    low = np.floor(position).astype(np.int64)
+    part = position - low
+    grid = np.zeros(shape[0] * shape[1])
+    for dx in (0, 1):
+        for dy in (0, 1):
+            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
+            cell = (low[:, 0] + dx) % shape[0] * shape[1] + (low[:, 1] + dy) % shape[1]
+            grid += np.bincount(cell, weights=values * share, minlength=len(grid))
+    return grid.reshape(shape)
+
+
+def _gaussian(shape: tuple[int, int], sigma: float) -> FloatArray:
+    """The transform of a Gaussian of height 1 and `sigma` cells, for `rfft2`."""
+    x, y = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None]
+    return np.asarray(2 * np.pi * sigma**2 * np.exp(-2 * (np.pi * sigma) ** 2 * (x**2 + y**2)))
+
+
+def _parabola(values: FloatArray, i: FloatArray, j: FloatArray, axis: int) -> FloatArray:
+    """Where between the cells a local maximum lies, -0.5 to 0.5, along one axis."""
+    step_i, step_j = (1, 0) if axis == 0 else (0, 1)
+    rows, columns = values.shape
+    before = values[(i - step_i) % rows, (j - step_j) % columns]
+    after = values[(i + step_i) % rows, (j + step_j) % columns]
+    bend = before - 2 * values[i, j] + after
+    return np.clip((before - after) / (2 * np.where(bend < 0, bend, -np.inf)), -0.5, 0.5)
+
+
+def _unit(z: FloatArray, decoys: FloatArray, least: float) -> FloatArray:
+    """`z` over its robust spread among the decoys."""
+    if len(decoys) == 0:
+        return z
+    spread = 1.4826 * float(np.median(np.abs(z[decoys] - np.median(z[decoys]))))
+    return z / max(spread, least)

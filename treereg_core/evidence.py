@@ -1,0 +1,232 @@
+"""Evidence: how well a placement explains the trees, tree by tree, by one likelihood for all methods.
+
+Three things tell a right placement from one that is a tree or a row off: trees that stand where the other survey has
+none, the size of crowns (and any other attribute that both surveys have), and the small errors of planting. Each tree
+gets the log of p(what is seen | the placement is right) over p(the same | it is a decoy), the decoys being other
+placements of the same two surveys on each other's lattice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.special import ndtri
+
+from treereg_core.features import FeatureSet, IntArray
+from treereg_core.footprint import Footprint
+from treereg_core.transform import Affine, FloatArray, Model
+
+NEIGHBOURS = 24
+CLASSES = 3
+
+
+def local_scores(xy: FloatArray, values: FloatArray, tree: cKDTree, threads: int = 1) -> FloatArray:
+    """Normal scores of `values` (n,) after the median of each tree's neighbourhood is removed.
+
+    What varies smoothly over a field (vigour, growth, light) is removed, what sets a tree apart from its neighbours
+    stays. Clipped to two and a half; all zero when the values do not vary.
+    """
+    n = len(xy)
+    k = min(NEIGHBOURS + 1, max(n // 3, 2))
+    if n < 3 or np.ptp(values) < 1e-9 * max(1.0, float(np.abs(values).max())):
+        return np.zeros(n)
+    _, near = tree.query(xy, k=k, workers=threads)
+    local = values - np.median(values[near], axis=1)
+    order = np.argsort(local, kind="stable")
+    rank = np.empty(n)
+    rank[order] = np.arange(n)
+    _, inverse, counts = np.unique(local, return_inverse=True, return_counts=True)
+    rank = (np.bincount(inverse, weights=rank) / counts)[inverse]
+    return np.clip(ndtri((rank + 0.5) / n), -2.5, 2.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One survey as the evidence sees it."""
+
+    features: FeatureSet
+    footprint: Footprint
+    confidence_class: IntArray
+    scores: dict[str, FloatArray]
+
+    @classmethod
+    def of(cls, features: FeatureSet, reach: float, names: Sequence[str], threads: int) -> Side:
+        """Prepare a survey: what is needed again for every placement."""
+        values = {"area": np.log(features.area), "confidence": features.confidence, **features.attributes}
+        scores = {name: local_scores(features.xy, values[name], features.tree, threads) for name in names}
+        edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)
+        return cls(features, Footprint.of(features.xy, reach), np.searchsorted(edges, features.confidence), scores)
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """The one-to-one pairs of one placement and which trees it can say something about.
+
+    `reference`, `source` (k,) are positions, `distance` (k,) metres; `covered_reference` (n,) and `covered_source`
+    (m,) tell which trees lie in the other survey's footprint.
+    """
+
+    transform: Affine
+    reference: IntArray
+    source: IntArray
+    distance: FloatArray
+    covered_reference: NDArray[np.bool_]
+    covered_source: NDArray[np.bool_]
+
+    @property
+    def rate(self) -> float:
+        """Share of covered trees, both ways, that have a partner."""
+        covered = int(self.covered_reference.sum()) + int(self.covered_source.sum())
+        mine = self.covered_reference[self.reference].sum() + self.covered_source[self.source].sum()
+        return float(mine / covered) if covered else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """What pairs look like: match rate by confidence class and side, residual variance, correlation by attribute."""
+
+    rate_reference: FloatArray
+    rate_source: FloatArray
+    variance: float
+    correlation: dict[str, float]
+    pairs: int
+
+    def better_than(self, decoy: Statistics) -> Statistics:
+        """The same, but nowhere worse than a decoy's, and correlations less what chance alone would give.
+
+        Without it two different orchards score high: their pairs differ from the decoys', only not for the better.
+        """
+        chance = 1 / np.sqrt(max(self.pairs, 1))
+        return Statistics(
+            np.maximum(self.rate_reference, decoy.rate_reference),
+            np.maximum(self.rate_source, decoy.rate_source),
+            min(self.variance, decoy.variance),
+            {k: float(np.clip(r - chance, 0, 0.9)) for k, r in self.correlation.items()},
+            self.pairs,
+        )
+
+
+def mean_statistics(statistics: Sequence[Statistics]) -> Statistics:
+    """What the pairs of several placements look like on the whole, by their number of pairs."""
+    weight = np.array([s.pairs for s in statistics], dtype=np.float64) + 1
+    weight /= weight.sum()
+
+    def mean(values: Sequence[FloatArray]) -> FloatArray:
+        return np.asarray(weight @ np.array(values))
+
+    return Statistics(
+        mean([s.rate_reference for s in statistics]),
+        mean([s.rate_source for s in statistics]),
+        float(weight @ [s.variance for s in statistics]),
+        {k: float(weight @ [s.correlation[k] for s in statistics]) for k in statistics[0].correlation},
+        round(float(weight @ [s.pairs for s in statistics])),
+    )
+
+
+class Evidence:
+    """Two surveys, ready to be judged under many placements.
+
+    `gate` is the distance in metres beyond which two trees are not a pair.
+    """
+
+    def __init__(self, reference: FeatureSet, source: FeatureSet, threads: int = 1) -> None:
+        self.spacing = max(reference.spacing, 1e-6)
+        self.gate = 0.45 * self.spacing
+        self.threads = threads
+        self.names = ("area", "confidence", *sorted(set(reference.attributes) & set(source.attributes)))
+        reach = 2.5 * self.spacing
+        self.reference = Side.of(reference, reach, self.names, threads)
+        self.source = Side.of(source, reach, self.names, threads)
+
+    def apart(self, a: Affine, b: Affine) -> float:
+        """How far two placements put the source's trees from each other, metres, RMS."""
+        xy = self.source.features.xy
+        return float(np.sqrt(np.mean(((a(xy) - b(xy)) ** 2).sum(axis=1))))
+
+    def match(self, transform: Affine) -> Match:
+        """The one-to-one pairs under a placement: each reference tree takes the nearest source tree that claims it."""
+        reference, source = self.reference.features, self.source.features
+        moved = transform(source.xy)
+        distance, nearest = reference.tree.query(moved, distance_upper_bound=self.gate, workers=self.threads)
+        claims = np.flatnonzero(nearest < len(reference))
+        claims = claims[np.argsort(-distance[claims], kind="stable")]
+        owner = np.full(len(reference), -1)
+        owner[nearest[claims]] = claims
+        mine = np.flatnonzero(owner >= 0)
+        return Match(
+            transform,
+            mine,
+            owner[mine],
+            distance[owner[mine]],
+            self.source.footprint.covers(transform.inverse()(reference.xy)),
+            self.reference.footprint.covers(moved),
+        )
+
+    def refine(self, transform: Affine, model: Model, rounds: int = 3) -> Affine:
+        """The least-squares placement near a placement, from its own pairs; itself when they do not determine one."""
+        for _ in range(rounds):
+            match = self.match(transform)
+            try:
+                transform = model.fit(
+                    self.source.features.xy[match.source], self.reference.features.xy[match.reference]
+                )
+            except ValueError:
+                break
+        return transform
+
+    def statistics(self, match: Match) -> Statistics:
+        """What the pairs of one placement look like."""
+
+        def rate(side: Side, covered: NDArray[np.bool_], mine: IntArray) -> FloatArray:
+            matched = np.zeros(len(covered), dtype=bool)
+            matched[mine] = True
+            seen = np.bincount(side.confidence_class[covered], minlength=CLASSES)
+            got = np.bincount(side.confidence_class[covered & matched], minlength=CLASSES)
+            overall = (got.sum() + 1) / (seen.sum() + 2)
+            return np.asarray((got + 4 * overall) / (seen + 4))
+
+        correlation = {}
+        for name in self.names:
+            u = self.reference.scores[name][match.reference]
+            v = self.source.scores[name][match.source]
+            power = float(np.sqrt((u @ u) * (v @ v)))
+            correlation[name] = float(u @ v) / power if power > 0 else 0.0
+        k = len(match.distance)
+        return Statistics(
+            rate(self.reference, match.covered_reference, match.reference),
+            rate(self.source, match.covered_source, match.source),
+            float((match.distance**2).sum() + 0.02 * self.gate**2) / (2 * k + 2),
+            correlation,
+            k,
+        )
+
+    def scores(self, match: Match, right: Statistics, decoy: Statistics) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihood ratio of each reference tree (n,) and each source tree (m,); 0 for one that is not covered."""
+
+        def found(side: Side, covered: NDArray[np.bool_], mine: IntArray, p: FloatArray, q: FloatArray) -> FloatArray:
+            matched = np.zeros(len(covered), dtype=bool)
+            matched[mine] = True
+            c = side.confidence_class
+            value = np.where(matched, np.log(p / q)[c], np.log((1 - p) / (1 - q))[c])
+            return np.where(covered, value, 0.0)
+
+        of_reference = found(
+            self.reference, match.covered_reference, match.reference, right.rate_reference, decoy.rate_reference
+        )
+        of_source = found(self.source, match.covered_source, match.source, right.rate_source, decoy.rate_source)
+        square = match.distance**2
+        pair = np.log(decoy.variance / right.variance) - square / 2 * (1 / right.variance - 1 / decoy.variance)
+        pair = np.clip(pair, -3, 3)
+        for name in self.names:
+            r = right.correlation[name]
+            if r > 0:
+                u = self.reference.scores[name][match.reference]
+                v = self.source.scores[name][match.source]
+                pair = pair - np.log(1 - r * r) / 2 - (r * r * (u * u + v * v) - 2 * r * u * v) / (2 * (1 - r * r))
+        both = match.covered_reference[match.reference] & match.covered_source[match.source]
+        np.add.at(of_source, match.source[both], pair[both])
+        return of_reference, of_source

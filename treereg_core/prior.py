@@ -1,0 +1,25 @@
+"""What the files' own georeference says about a placement beforehand."""
+
+from __future__ import annotations
+
+import math
+
+from treereg_core.features import FeatureSet
+from treereg_core.transform import Affine
+
+ROTATION_SD_DEG = 5.0
+
+
+def log_prior(reference_from_source: Affine, source: FeatureSet, georeference_sd: float | None) -> float:
+    """Natural log of the prior density of a placement, up to a constant; 0 when nothing is known of the georeference.
+
+    The shift of the source's centroid is normal with `georeference_sd` metres per axis. Maps are turned by far less
+    than they are shifted, but a turn is not bounded by a shift: the rotation has a Student density (3 degrees of
+    freedom, scale 5 degrees), which makes a half turn unlikely and never impossible.
+    """
+    if georeference_sd is None:
+        return 0.0
+    centroid = source.xy.mean(axis=0)
+    shift = reference_from_source(centroid[None])[0] - centroid
+    turn = reference_from_source.rotation_deg / ROTATION_SD_DEG
+    return -float(shift @ shift) / (2 * georeference_sd**2) - 2 * math.log1p(turn * turn / 3)

@@ -83,9 +83,11 @@ def _converted(full: Affine, crs: str, frame: Frame, model: Model | None, path: 
     reference = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     origin = np.array(frame.origin)
     there = converter(frame.crs, crs)(reference + origin)
-    inverse = full.about(there.mean(axis=0)).inverse()
-    source = converter(crs, frame.crs)(inverse(there - there.mean(axis=0)) + there.mean(axis=0)) - origin
-    if not (np.isfinite(there).all() and np.isfinite(source).all()):
-        raise InputError(f"{path} has a transform in {crs:.40}, which does not reach these surveys; correct its CRS.")
-    kind = model or next(m for m in Model if isinstance(_of_kind(full, None, path), m.kind))
-    return kind.fit(source, reference)
+    centre = there.mean(axis=0)
+    if np.isfinite(centre).all():
+        inverse = full.about(centre).inverse()
+        source = converter(crs, frame.crs)(inverse(there - centre) + centre) - origin
+        if np.isfinite(source).all():
+            kind = model or next(m for m in Model if isinstance(_of_kind(full, None, path), m.kind))
+            return kind.fit(source, reference)
+    raise InputError(f"{path} has a transform in {crs:.40}, which does not reach these surveys; correct its CRS.")

@@ -12,8 +12,9 @@ import typer
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.errors import UsageError
 from treereg_core.io import SIMULATION_NAMES, OutputFolder
-from treereg_core.settings import describe, parse_value, range_in_words, record, suggestion
-from treereg_core.simulate.scene import Scene
+from treereg_core.settings import describe, parse_value, range_in_words, record
+from treereg_core.simulate import Scene, family_scene, write_simulation
+from treereg_core.simulate import simulate as simulated
 
 
 def flag(field: str) -> str:
@@ -60,18 +61,12 @@ def simulate(
     **scene: Any,
 ) -> None:
     """Simulate two survey folders, DIR/reference and DIR/source, with the truth in DIR/truth.json."""
-    from treereg_core.simulate import FAMILIES, simulate, simulate_family, write_simulation
-
     given = {field: plain(value) for field, value in scene.items() if value is not None}
-    if family is None:
-        made = simulate(record(Scene, given, flag), seed)
-    elif given:
+    if family is not None and given:
         raise UsageError(f"--family and {flag(next(iter(given)))} exclude each other; leave one out.")
-    elif family not in FAMILIES:
-        raise UsageError(f"--family: there is no family {family!r}{suggestion(family, FAMILIES)}")
-    else:
-        made = simulate_family(family, seed)
+    described = record(Scene, given, flag) if family is None else family_scene(family, seed)
     with OutputFolder(folder, overwrite=overwrite, names=SIMULATION_NAMES) as staging:
+        made = simulated(described, seed)
         write_simulation(made, staging)
     console.progress(f"{len(made.reference)} and {len(made.source)} trees written to {folder}")
 

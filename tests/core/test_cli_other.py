@@ -1,0 +1,116 @@
+"""`treereg methods`, `treereg check`, `treereg simulate`, and the command itself."""
+
+from __future__ import annotations
+
+import json
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from tests.core.methods import REGISTRY
+from treereg_core.cli import main
+from treereg_core.simulate import Scene, simulate, write_simulation
+
+Output = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_version_and_help(capsys: Output) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"treereg {metadata.version('treereg')}\n"
+    assert main([]) == main(["--help"]) == 0
+    helped = capsys.readouterr().out
+    assert all(command in helped for command in ("run", "methods", "check", "simulate"))
+
+
+def test_methods_lists_what_is_installed(capsys: Output) -> None:
+    assert main(["methods"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert "point matcher" in lines["icp"]
+    assert f"treereg-icp {metadata.version('treereg-icp')}" in lines["icp"]
+    assert "evaluator" in lines["truth"]
+
+
+def test_methods_as_json(capsys: Output) -> None:
+    assert main(["methods", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["icp"]["role"] == "point matcher"
+    assert rows["icp"]["source"].startswith("https://doi.org/10.")
+    assert rows["icp"]["models"] == ["rigid", "similarity", "affine"]
+    reach = rows["icp"]["settings"]["reach"]
+    assert {"default", "description", "exclusiveMinimum"} <= set(reach)
+
+
+def test_broken_plugins_and_recipes_are_rows(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("treereg_core.cli.methods.installed", lambda: REGISTRY)
+    assert main(["methods"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert "BROKEN" in lines["lost"]
+    assert "ImportError: gone" in lines["lost"]
+    assert main(["methods", "both"]) == 0
+    page = capsys.readouterr().out
+    assert "stands for sure+columns+nearest" in page
+    assert "sure.least = 0.2" in page
+    assert main(["methods", "nearest"]) == 0
+    assert "nearest.reach = 3.0 m  (number; above 0, at most 50 m)" in capsys.readouterr().out
+    assert main(["methods", "lost"]) == 2
+    assert main(["methods", "middel"]) == 2
+    assert "did you mean 'middle'" in capsys.readouterr().err
+
+
+def test_the_judge_shows_its_settings(capsys: Output) -> None:
+    assert main(["methods", "judge"]) == 0
+    assert "judge." in capsys.readouterr().out
+    assert main(["methods", "judge", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["role"] == "judge"
+
+
+def test_simulate_writes_what_the_python_function_does(capsys: Output) -> None:
+    options = ["--trees", "120", "--shift", "3", "-4.5", "--rotation", "any", "--false", "0.1", "--no-same-orchard"]
+    assert main(["simulate", "there", *options, "--seed", "5", "-q"]) == 0
+    scene = Scene(trees=120, shift=(3, -4.5), rotation="any", false=0.1, same_orchard=False)
+    write_simulation(simulate(scene, 5), Path("here"))
+    files = sorted(path.relative_to("here") for path in Path("here").rglob("*.*json"))
+    assert len(files) == 5
+    for file in files:
+        assert (Path("here") / file).read_bytes() == (Path("there") / file).read_bytes()
+
+
+def test_simulate_a_family() -> None:
+    assert main(["simulate", "there", "--family", "small_150", "-q"]) == 0
+    assert json.loads(Path("there/truth.json").read_text())["transform"]["model"] == "rigid"
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--trees", "2"], "--trees is 2, but must be at least 10"),
+        (["--outline", "oval"], "--outline is 'oval', but must be rectangle or irregular"),
+        (["--missed", "many"], "--missed is 'many'"),
+        (["--row-spacing", "inf"], "--row-spacing is inf"),
+        (["--family", "smal_150"], "did you mean 'small_150'"),
+        (["--family", "small_150", "--gaps", "0.1"], "--family and --gaps exclude each other"),
+        (["--rows", "3"], "No such option: --rows"),
+        (["--seed", "-1"], "--seed"),
+    ],
+)
+def test_a_wrong_scene_is_one_sentence_and_leaves_nothing(options: list[str], sentence: str, capsys: Output) -> None:
+    assert main(["simulate", "there", *options]) == 2
+    stderr = capsys.readouterr().err
+    assert sentence in stderr
+    assert len(stderr.splitlines()) == 1
+    assert not Path("there").exists()
+
+
+def test_simulate_does_not_touch_a_folder_in_use() -> None:
+    folder = Path("mine/reference")
+    folder.mkdir(parents=True)
+    (folder / "raw-detections.geojson").write_text("precious")
+    assert main(["simulate", "mine", "--trees", "50", "-q"]) == 2
+    assert (folder / "raw-detections.geojson").read_text() == "precious"
+    assert main(["simulate", "mine", "--trees", "50", "-q", "--overwrite"]) == 0

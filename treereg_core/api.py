@@ -86,6 +86,7 @@ def execute(
     pair = Pair(trees(surveys[0]), trees(surveys[1]))
     with clock("start"):
         begins = starts(plan, pair, surveys[0], context)
+    progress(f"match: {options.method}, starts: {len(begins)}")
     candidates = plan.pipeline.registrations(begins, context, clock)
     progress("judge")
     with clock("judge"):

@@ -7,19 +7,17 @@ anywhere before a later detector or matcher. A recipe stands for the expression 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from treereg_core.errors import UsageError
+from treereg_core.errors import PluginError, UsageError
 from treereg_core.method import FeatureFilter, Method, PointMatcher, RowDetector, RowMatcher
 from treereg_core.recipe import Recipe
 from treereg_core.registry import STAGES, Registry
+from treereg_core.settings import Settings, merge
 
 ORDER = (RowDetector, RowMatcher, PointMatcher)
-
-Settings = Mapping[str, Mapping[str, object]]
-"""Values by stage and parameter."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,7 @@ class Expression:
 
 def parse(text: str, registry: Registry) -> Expression:
     """Read an expression. `UsageError` with the nearest right one when it is wrong."""
-    names: list[str] = []
+    stages: list[type[Method]] = []
     settings: dict[str, dict[str, object]] = {}
     for name in text.split("+"):
         try:
@@ -41,16 +39,26 @@ def parse(text: str, registry: Registry) -> Expression:
         except UsageError as error:
             raise refusal(text, str(error), registry) from None
         if isinstance(offer, Recipe):
-            names += offer.expression.split("+")
-            for stage, values in offer.settings.items():
-                settings.setdefault(stage, {}).update(values)
+            stages += stages_of(offer, registry)
+            settings = merge(settings, offer.settings)
         else:
-            names.append(name)
-    stages = tuple(registry.method(name) for name in names)
+            stages.append(registry.method(name))
     flaw = flaw_of(stages)
     if flaw:
         raise refusal(text, flaw, registry)
-    return Expression(text, stages, settings)
+    return Expression(text, tuple(stages), settings)
+
+
+def stages_of(recipe: Recipe, registry: Registry) -> list[type[Method]]:
+    """The methods of a recipe. `UsageError` when one is not installed, `PluginError` when the recipe is wrong."""
+    try:
+        stages = [registry.method(name) for name in recipe.expression.split("+")]
+    except UsageError as error:
+        raise UsageError(f"the recipe {recipe.name} stands for {recipe.expression}, but {error}") from None
+    unused = recipe.settings.keys() - {stage.name for stage in stages}
+    if unused:
+        raise PluginError(f"the recipe {recipe.name} has settings for {min(unused)}, which is not one of its methods")
+    return stages
 
 
 def refusal(text: str, flaw: str, registry: Registry) -> UsageError:

@@ -10,6 +10,7 @@ import difflib
 import importlib.util
 import inspect
 import re
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -32,7 +33,7 @@ OFFERS: dict[str, tuple[type, ...]] = {
     "treereg_evaluators": (Evaluator,),
     "treereg_recipes": (Recipe,),
 }
-RESERVED = frozenset({"identity", "judge", "read", "start", "write"})
+RESERVED = frozenset({"identity", "judge", "nearest_rows", "pipeline", "read", "start", "write"})
 """Words that mean something else in options and results."""
 
 
@@ -138,10 +139,11 @@ def load(entry_points: Iterable[metadata.EntryPoint]) -> Registry:
 
 def from_file(path: Path) -> tuple[Entry, ...]:
     """What a plugin in a single Python file offers. `InputError` when it cannot be read, `PluginError` when broken."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"treereg_plugin_file_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise InputError(f"{path}: there is no such Python file; give the path of a plugin's .py file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # pydantic and pickle look classes up by their module
     try:
         spec.loader.exec_module(module)
         return tuple(offers(module, Entry(path.stem, "plugin", str(path), "")))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from tests.core.methods import REGISTRY
-from treereg_core.errors import TreeregError
+from tests.core.methods import BOTH, REGISTRY
+from treereg_core.errors import PluginError, TreeregError, UsageError
 from treereg_core.expression import flaw_of, parse
+from treereg_core.registry import Entry, Registry
 
 
 @pytest.mark.parametrize(
@@ -70,3 +73,18 @@ def test_wrong_expressions_get_the_nearest_right_one(text: str, complaint: str, 
 def test_the_empty_expression_is_refused() -> None:
     with pytest.raises(TreeregError, match="no method ''"):
         parse("", REGISTRY)
+
+
+def with_recipe(**changes: object) -> Registry:
+    recipe = replace(BOTH, name="mine", **changes)  # type: ignore[arg-type]
+    return Registry((*REGISTRY.entries, Entry("mine", "recipe", "test", "1", recipe)))
+
+
+def test_a_recipe_of_a_method_that_is_not_there_says_so() -> None:
+    with pytest.raises(UsageError, match=r"recipe mine stands for columns\+far, but there is no method 'far'"):
+        parse("mine", with_recipe(expression="columns+far", settings={}))
+
+
+def test_a_recipe_with_settings_for_a_stranger_is_broken() -> None:
+    with pytest.raises(PluginError, match="settings for big, which is not one of its methods"):
+        parse("mine", with_recipe(settings={"big": {"least": 1}}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -27,6 +28,9 @@ class Near(PointMatcher):
 def treereg_methods():
     return [Near]
 '''
+
+
+FUTURE = "from __future__ import annotations\nfrom typing import Optional\n"
 
 
 class Site:
@@ -153,8 +157,13 @@ def test_the_extras_of_the_distribution_name_its_plugins() -> None:
 
 def test_a_plugin_file(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
-    path.write_text(GOOD.format(name="mine"))
-    assert [entry.name for entry in registry.from_file(path)] == ["mine"]
+    path.write_text(
+        FUTURE + GOOD.format(name="mine").replace("    def", "    reach: Optional[float] = 1.0\n    def", 1)
+    )
+    (entry,) = registry.from_file(path)
+    assert (entry.name, entry.problem) == ("mine", None)
+    assert isinstance(entry.offer, type)
+    assert pickle.loads(pickle.dumps(entry.offer(reach=2.0))) == entry.offer(reach=2.0)
     path.write_text("import nowhere_to_be_found")
     with pytest.raises(PluginError, match=r"mine\.py cannot be loaded: ModuleNotFoundError"):
         registry.from_file(path)

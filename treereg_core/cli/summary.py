@@ -21,7 +21,7 @@ def summary(result: Result, out: Path, files: Iterable[str], true_error_m: float
             f"{east:+.3f} m east, {north:+.3f} m north, turned {said.transform.rotation_deg:+.4f} deg"
         )
     used = min(len(trees(result.reference)), len(trees(result.source)))
-    rows["trees matched"] = f"{in_words(said.matches)} of {used} (before: {in_words(said.before)})"
+    rows["trees matched"] = f"{in_words(said.matches, used)} (before: {in_words(said.before, used)})"
     if said.expected_error is not None:
         low, high = said.expected_error.ci95
         rows["expected error"] = f"{said.expected_error.rms:.3f} m (95 %: {low:.3f} to {high:.3f} m)"
@@ -33,7 +33,7 @@ def summary(result: Result, out: Path, files: Iterable[str], true_error_m: float
     return "\n".join(lines + [f"  {name.ljust(width)}{text}" for name, text in rows.items()])
 
 
-def in_words(matches: Matches) -> str:
-    """How many trees are matched, and how far apart they are."""
+def in_words(matches: Matches, used: int) -> str:
+    """How many of the trees are matched, and how far apart they are."""
     rms = matches.residual_rms
-    return f"{len(matches.pairs)}" + ("" if rms is None else f", {rms:.2f} m apart")
+    return f"{len(matches.pairs)} of {used}" + ("" if rms is None else f", {rms:.2f} m apart")

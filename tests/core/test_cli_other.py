@@ -10,6 +10,8 @@ import pytest
 
 from tests.core.methods import REGISTRY
 from treereg_core.cli import main
+from treereg_core.cli.check import targets
+from treereg_core.pipeline import Pipeline
 from treereg_core.simulate import Scene, simulate, write_simulation
 
 Output = pytest.CaptureFixture[str]
@@ -68,6 +70,50 @@ def test_the_judge_shows_its_settings(capsys: Output) -> None:
     assert "judge." in capsys.readouterr().out
     assert main(["methods", "judge", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["role"] == "judge"
+
+
+PLUGIN = """
+from treereg_core import hookimpl
+from treereg_core.method import PointMatcher
+class Mine(PointMatcher):
+    "Mine."
+    name = "mine"
+    def register(self, pair, context):
+        raise NotImplementedError
+@hookimpl
+def treereg_methods():
+    return [Mine]
+"""
+
+
+def test_what_check_checks() -> None:
+    def found(target: str) -> list[tuple[str, list[str]]]:
+        return [
+            (name, [stage.name for stage in method.stages] if isinstance(method, Pipeline) else [method.name])
+            for name, method in targets(target, REGISTRY)
+        ]
+
+    assert found("middle") == [("middle", ["middle"])]
+    assert found("columns+nearest") == [("columns+nearest", ["columns", "nearest_rows", "nearest"])]
+    assert found("both") == [("both", ["sure", "columns", "nearest_rows", "nearest"])]
+    ((_, pipeline),) = targets("both", REGISTRY)
+    assert pipeline.stages[0].least == 0.2  # type: ignore[attr-defined]
+    Path("mine.py").write_text(PLUGIN)
+    assert found("mine.py") == [("mine", ["mine"])]
+
+
+def test_check_refuses_what_is_not_there(capsys: Output) -> None:
+    Path("broken.py").write_text(PLUGIN.replace("def register", "def registre"))
+    Path("empty.py").write_text(PLUGIN.replace("[Mine]", "[]"))
+    for target, sentence in (
+        ("empty.py", "offers nothing to check"),
+        ("icpp", "did you mean 'icp'"),
+        ("icp+icpp", "nearest right expression is 'icp+icp'"),
+        ("absent.py", "no such Python file"),
+        ("broken.py", "it does not define register"),
+    ):
+        assert main(["check", target]) == 2
+        assert sentence in capsys.readouterr().err
 
 
 def test_simulate_writes_what_the_python_function_does(capsys: Output) -> None:

@@ -22,16 +22,17 @@ def check(
     verbose: Verbose = False,
 ) -> int:
     """Run the contract's laws on a method, an expression or every method of a plugin file, and print each."""
+    chosen = list(targets(target, installed()))
     from treereg_core.testing import check as run_laws
 
     broken = 0
-    for name, method in targets(target, installed()):
+    for name, method in chosen:
         print(name)
         for law in run_laws(method):
             mark = "skipped" if law.skipped else "ok" if law.passed else "BROKEN"
             print(f"  {mark:8}{law.name}{': ' + law.message if law.message else ''}", flush=True)
             broken += not law.passed and not law.skipped
-    print(f"{broken} laws broken" if broken else "every law holds")
+    print(f"laws broken: {broken}" if broken else "every law holds")
     return 3 if broken else 0
 
 
@@ -39,6 +40,8 @@ def targets(target: str, registry: Registry) -> Iterator[tuple[str, Method]]:
     """What is to be checked, with its name: each with its default settings."""
     if target.endswith(".py"):
         entries = from_file(Path(target))
+        if not entries:
+            raise PluginError(f"{target} offers nothing to check; return your classes from its hooks")
         for entry in entries:
             if entry.problem:
                 raise PluginError(entry.problem)

@@ -31,7 +31,11 @@ def methods(
         rows = [as_plain(entry) for entry in registry.entries]
         print(json.dumps(rows, indent=1, ensure_ascii=False) if as_json else table(registry.entries))
         return
-    offer, row = (Judge, judge_row()) if name == "judge" else described(registry.entry(name))
+    offer: type | Recipe | None = Judge
+    row = judge_row()
+    if name != "judge":
+        entry = registry.entry(name)
+        offer, row = entry.offer, as_plain(entry)
     print(json.dumps(row, indent=1, ensure_ascii=False) if as_json else page(offer, row))
 
 
@@ -60,11 +64,6 @@ def as_plain(entry: Entry) -> dict[str, Any]:
         return row
     models = [model.value for model in sorted(entry.offer.models, key=lambda model: model.parameters)]
     return {**row, "source": source_of(entry.offer), "models": models, "settings": describe(entry.offer)}
-
-
-def described(entry: Entry) -> tuple[type | Recipe | None, dict[str, Any]]:
-    """The offer and its plain values."""
-    return entry.offer, as_plain(entry)
 
 
 def judge_row() -> dict[str, Any]:

@@ -134,9 +134,9 @@ class Correlator:
         share = trees / shared
         z_met = (share - np.median(share[decoys]) if len(decoys) else share) * np.sqrt(shared)
         z_crowns = crowns[i, j] / np.sqrt(np.maximum(trees, 1))
-        score = sum(np.sign(z) * z**2 for z in (_unit(z_met, decoys, 0.2), _unit(z_crowns, decoys, 0.3)))
+        score = _signed_square(_unit(z_met, decoys, 0.2)) + _signed_square(_unit(z_crowns, decoys, 0.3))
         order = np.argsort(-score, kind="stable")
-        return shift[order], trees[order], np.asarray(score)[order]
+        return shift[order], trees[order], score[order]
 
 
 def _draw(position: FloatArray, values: FloatArray, shape: tuple[int, int]) -> FloatArray:
@@ -158,17 +158,21 @@ def _gaussian(shape: tuple[int, int], sigma: float) -> FloatArray:
     return np.asarray(2 * np.pi * sigma**2 * np.exp(-2 * (np.pi * sigma) ** 2 * (x**2 + y**2)))
 
 
-def _parabola(values: FloatArray, i: FloatArray, j: FloatArray, axis: int) -> FloatArray:
+def _parabola(values: FloatArray, i: IntArray, j: IntArray, axis: int) -> FloatArray:
     """Where between the cells a local maximum lies, -0.5 to 0.5, along one axis."""
     step_i, step_j = (1, 0) if axis == 0 else (0, 1)
     rows, columns = values.shape
     before = values[(i - step_i) % rows, (j - step_j) % columns]
     after = values[(i + step_i) % rows, (j + step_j) % columns]
     bend = before - 2 * values[i, j] + after
-    return np.clip((before - after) / (2 * np.where(bend < 0, bend, -np.inf)), -0.5, 0.5)
+    return np.asarray(np.clip((before - after) / (2 * np.where(bend < 0, bend, -np.inf)), -0.5, 0.5))
 
 
-def _unit(z: FloatArray, decoys: FloatArray, least: float) -> FloatArray:
+def _signed_square(z: FloatArray) -> FloatArray:
+    return np.sign(z) * z**2
+
+
+def _unit(z: FloatArray, decoys: IntArray, least: float) -> FloatArray:
     """`z` over its robust spread among the decoys."""
     if len(decoys) == 0:
         return z

@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from treereg_core.features import FeatureSet, IntArray
+from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
 from treereg_core.footprint import Footprint
 from treereg_core.transform import Affine, FloatArray, Model
 
@@ -74,8 +73,8 @@ class Match:
     reference: IntArray
     source: IntArray
     distance: FloatArray
-    covered_reference: NDArray[np.bool_]
-    covered_source: NDArray[np.bool_]
+    covered_reference: BoolArray
+    covered_source: BoolArray
 
     @property
     def rate(self) -> float:
@@ -151,11 +150,11 @@ class Evidence:
         """The one-to-one pairs under a placement: each reference tree takes the nearest source tree that claims it."""
         reference, source = self.reference.features, self.source.features
         moved = transform(source.xy)
-        distance, nearest = reference.tree.query(moved, distance_upper_bound=self.gate, workers=self.threads)
-        claims = np.flatnonzero(nearest < len(reference))
+        distance, target = nearest(reference.tree, moved, self.gate, threads=self.threads)
+        claims = np.flatnonzero(target < len(reference))
         claims = claims[np.argsort(-distance[claims], kind="stable")]
         owner = np.full(len(reference), -1)
-        owner[nearest[claims]] = claims
+        owner[target[claims]] = claims
         mine = np.flatnonzero(owner >= 0)
         return Match(
             transform,
@@ -181,7 +180,7 @@ class Evidence:
     def statistics(self, match: Match) -> Statistics:
         """What the pairs of one placement look like."""
 
-        def rate(side: Side, covered: NDArray[np.bool_], mine: IntArray) -> FloatArray:
+        def rate(side: Side, covered: BoolArray, mine: IntArray) -> FloatArray:
             matched = np.zeros(len(covered), dtype=bool)
             matched[mine] = True
             seen = np.bincount(side.confidence_class[covered], minlength=CLASSES)
@@ -207,7 +206,7 @@ class Evidence:
     def scores(self, match: Match, right: Statistics, decoy: Statistics) -> tuple[FloatArray, FloatArray]:
         """Log-likelihood ratio of each reference tree (n,) and each source tree (m,); 0 for one that is not covered."""
 
-        def found(side: Side, covered: NDArray[np.bool_], mine: IntArray, p: FloatArray, q: FloatArray) -> FloatArray:
+        def found(side: Side, covered: BoolArray, mine: IntArray, p: FloatArray, q: FloatArray) -> FloatArray:
             matched = np.zeros(len(covered), dtype=bool)
             matched[mine] = True
             c = side.confidence_class

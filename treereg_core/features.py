@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from treereg_core.transform import FloatArray
 
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 
 def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -24,6 +25,17 @@ def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
         array = array.copy()
         array.setflags(write=False)
     return array
+
+
+def nearest(
+    tree: cKDTree, points: FloatArray, within: float, count: int = 1, threads: int = 1
+) -> tuple[FloatArray, IntArray]:
+    """Distances and indices of the points of a tree nearest to `points` (n, 2 or 3): (n,), or (n, count) if several.
+
+    One that is missing within the distance `within` has an infinite distance and the index `tree.n`.
+    """
+    distance, index = tree.query(points, k=count, distance_upper_bound=within, workers=threads)
+    return np.asarray(distance), np.asarray(index, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ def vector_rose(features: FeatureSet, spacing: float, rng: np.random.Generator) 
     size = len(RADIUS) * BINS
     rose = np.bincount(at + low % BINS, weights=1 - part, minlength=size)
     rose += np.bincount(at + (low + 1) % BINS, weights=part, minlength=size)
-    return rose.reshape(-1, BINS)
+    return np.asarray(rose, dtype=np.float64).reshape(-1, BINS)
 
 
 def rotations(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from treereg_core.evidence import Evidence
-from treereg_core.features import IntArray
+from treereg_core.features import BoolArray, IntArray, nearest
 from treereg_core.transform import Affine, FloatArray
 
 
@@ -31,24 +31,22 @@ def screen(evidence: Evidence, transforms: tuple[Affine, ...], sample: IntArray,
     reference = evidence.reference.features
     for last in [False] * rounds + [True]:
         moved = np.einsum("kab,mb->kma", linear, xy) + shift[:, None]
-        distance, nearest = reference.tree.query(
-            moved.reshape(-1, 2), distance_upper_bound=evidence.gate, workers=evidence.threads
-        )
-        distance, nearest = distance.reshape(moved.shape[:2]), nearest.reshape(moved.shape[:2])
-        met = nearest < len(reference)
+        distance, target = nearest(reference.tree, moved.reshape(-1, 2), evidence.gate, threads=evidence.threads)
+        distance, target = distance.reshape(moved.shape[:2]), target.reshape(moved.shape[:2])
+        met = target < len(reference)
         if last:
             break
-        to = reference.xy[np.where(met, nearest, 0)]
+        to = reference.xy[np.where(met, target, 0)]
         turn, step = _rigid_steps(moved, to, met)
         linear = turn @ linear
         shift = np.einsum("kab,kb->ka", turn, shift) + step
     covered = evidence.reference.footprint.covers(moved.reshape(-1, 2)).reshape(met.shape) | met
-    score = _score(evidence, sample, distance, nearest, met, covered)
+    score = _score(evidence, sample, distance, target, met, covered)
     kinds = [type(t) for t in transforms]
     return Screened(tuple(k(a, s) for k, a, s in zip(kinds, linear, shift, strict=True)), score)
 
 
-def _rigid_steps(moved: FloatArray, to: FloatArray, met: IntArray) -> tuple[FloatArray, FloatArray]:
+def _rigid_steps(moved: FloatArray, to: FloatArray, met: BoolArray) -> tuple[FloatArray, FloatArray]:
     """For each placement (k, m, 2) the rigid motion that fits its met trees best; none where fewer than three meet."""
     weight = met / np.maximum(met.sum(axis=1, keepdims=True), 1)
     p_mean, q_mean = np.einsum("km,kma->ka", weight, moved), np.einsum("km,kma->ka", weight, to)
@@ -63,21 +61,28 @@ def _rigid_steps(moved: FloatArray, to: FloatArray, met: IntArray) -> tuple[Floa
 
 
 def _score(
-    evidence: Evidence, sample: IntArray, distance: FloatArray, nearest: IntArray, met: IntArray, covered: IntArray
+    evidence: Evidence, sample: IntArray, distance: FloatArray, target: IntArray, met: BoolArray, covered: BoolArray
 ) -> FloatArray:
     pairs, seen = met.sum(axis=1), covered.sum(axis=1)
     rate = (pairs + 0.5) / (seen + 1)
-    usual = float(np.clip(np.median(rate), 0.02, 0.98))
+    # Most of what meets is on the lattice; what is askew is no measure, or every lattice position would look right.
+    usual = float(np.clip(_weighted_quantile(rate, pairs, 0.75), 0.02, 0.98))
     better = np.clip(rate, usual, 0.999)
     score = seen * (better * np.log(better / usual) + (1 - better) * np.log((1 - better) / (1 - usual)))
     square = np.where(met, distance, 0) ** 2
     variance = (square.sum(axis=1) + 0.02 * evidence.gate**2) / (2 * pairs + 2)
-    ratio = np.minimum(variance / np.median(variance), 1)
+    ratio = np.minimum(variance / _weighted_quantile(variance, pairs, 0.25), 1)
     score = score + pairs * (ratio - 1 - np.log(ratio))
     for name in evidence.names:
-        u = np.where(met, evidence.reference.scores[name][np.where(met, nearest, 0)], 0)
+        u = np.where(met, evidence.reference.scores[name][np.where(met, target, 0)], 0)
         v = np.where(met, evidence.source.scores[name][sample], 0)
         power = np.sqrt((u * u).sum(axis=1) * (v * v).sum(axis=1))
         r = np.clip((u * v).sum(axis=1) / np.maximum(power, 1e-9), 0, 0.95)
         score = score - pairs / 2 * np.log(1 - r * r)
     return np.asarray(score)
+
+
+def _weighted_quantile(values: FloatArray, weights: FloatArray, q: float) -> float:
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, q * below[-1])])

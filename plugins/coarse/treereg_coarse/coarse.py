@@ -19,6 +19,8 @@ from treereg_core.transform import Affine, Model, Rigid
 
 CLEAR = 60.0
 CLOSE = 0.25
+FEW = 30
+ON_LATTICE = 0.9
 PER_MAP = 40
 SCREENED = 640
 
@@ -102,12 +104,15 @@ class Coarse(CoarseAligner):
             transform = evidence.refine(candidate.transform, Model.RIGID)
             if all(evidence.apart(transform, m.transform) > evidence.gate for m in matches):
                 matches.append(evidence.match(transform))
-        statistics = [evidence.statistics(m) for m in matches]
         if len(matches) < 2:
             return [m.transform for m in matches]
+        statistics = [evidence.statistics(m) for m in matches]
+        # Only placements on the lattice are decoys: against one that is askew, any other looks right.
+        rate = np.array([m.rate * (s.pairs >= FEW) for m, s in zip(matches, statistics, strict=True)])
         scores = []
         for k, match in enumerate(matches):
-            decoy = mean_statistics([s for i, s in enumerate(statistics) if i != k])
+            others = np.delete(np.arange(len(matches)), k)
+            decoy = mean_statistics([statistics[i] for i in others if rate[i] >= ON_LATTICE * rate[others].max()])
             parts = evidence.scores(match, statistics[k].better_than(decoy), decoy)
             prior = log_prior(match.transform, pair.source, context.georeference_sd)
             scores.append(sum(float(p.sum()) for p in parts) + prior)

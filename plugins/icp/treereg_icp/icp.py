@@ -9,12 +9,13 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 from treereg_core.errors import NoRegistration
-from treereg_core.features import FeatureSet, IntArray
+from treereg_core.features import FeatureSet, IntArray, nearest
 from treereg_core.method import Context, PointMatcher, Registration
 from treereg_core.pair import Pair, Rows
 from treereg_core.transform import FloatArray
 
 SETTLED = 1e-5
+NEAREST = 3
 STRANGERS = 0.07
 LEAST_SIGMA = 0.01
 LEAST_LIKE = 12.0
@@ -66,11 +67,9 @@ class Icp(PointMatcher):
         transform, sigma = pair.reference_from_source, reach / 2
         for _ in range(self.rounds):
             moved = transform(source.features.xy)
-            distance, nearest = tree.query(
-                source.points(moved), k=[1, 2, 3], distance_upper_bound=reach, workers=context.threads
-            )
-            j, column = np.nonzero(nearest < tree.n)
-            i, square = nearest[j, column], distance[j, column] ** 2
+            distance, target = nearest(tree, source.points(moved), reach, NEAREST, context.threads)
+            j, column = np.nonzero(target < tree.n)
+            i, square = target[j, column], distance[j, column] ** 2
             stranger = STRANGERS * 2 * sigma**2 / reach**2 * strange[0][i] * strange[1][j]
             odds = np.exp(-square / (2 * sigma**2))
             odds *= self._likeness(reference.features.area[i] / source.features.area[j], odds / (odds + stranger))

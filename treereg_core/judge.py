@@ -1,0 +1,163 @@
+"""The judge: the same for all methods, it says which result stands, against what, and how far to trust it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from treereg_core.comparison import Comparison, compare
+from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
+from treereg_core.expected_error import expected_error, fit_covariance
+from treereg_core.judgement import ExpectedError, Judgement, Matches, Rival, Verdict
+from treereg_core.method import Context, Registration
+from treereg_core.pair import Pair
+from treereg_core.prior import log_prior
+from treereg_core.rivals import find_rivals
+from treereg_core.transform import Affine, Rigid
+
+SLOPE, OFFSET = 0.56, 1.84
+MOST_CERTAIN = 1e-12
+NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """The best registration, with all that speaks for and against it."""
+
+    registration: Registration
+    match: Match
+    decoy: Statistics
+    total: float
+    opponents: tuple[tuple[Affine, Comparison], ...]
+
+    @property
+    def margin(self) -> float:
+        """By how much it beats its most dangerous rival."""
+        return min((c.margin for _, c in self.opponents), default=0.0)
+
+
+class Judge(BaseModel):
+    """Decides by the evidence of single trees, against rivals of its own making.
+
+    The result with the most evidence is compared with every placement that could be mistaken for it: its neighbours on
+    the planting lattice, turned ones, and whatever else looks good. Log-odds alone are overconfident; the failure
+    probability comes from the smaller of the log-odds and twice the squared consistency over the field, calibrated on
+    simulated orchards.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rivals: int = Field(5, ge=0, le=8, description="how many rivals are reported at most")
+
+    def judge(self, pair: Pair, candidates: Sequence[Registration], context: Context, max_failure: float) -> Judgement:
+        """The word on the best of `candidates`, which are registrations of `pair`, all usable trees in it.
+
+        It is accepted when its failure probability is at most `max_failure`.
+        """
+        if min(len(pair.reference), len(pair.source)) < 3 or min(pair.reference.spacing, pair.source.spacing) <= 0:
+            return _failed("There are too few trees that stand apart to say anything.", NOTHING)
+        evidence = Evidence(pair.reference, pair.source, context.threads)
+        before = _matches(evidence.match(Rigid.identity()), pair)
+        if not candidates:
+            return _failed("No placement was found at which the trees of the two surveys meet.", before)
+        case = _best(evidence, pair, candidates, context)
+        if case is None:
+            return _failed("No placement was found at which enough trees of the two surveys meet.", before)
+        failure = max(1 / (1 + math.exp(min(SLOPE * case.margin - OFFSET, 500))), MOST_CERTAIN)
+        verdict, reason = _verdict(case, failure, max_failure)
+        if verdict is Verdict.FAILED:
+            return _failed(reason, before)
+        error = _expected_error(evidence, case, pair, context)
+        if error is None:
+            return _failed("The pairs that were found do not determine the transform.", before)
+        return Judgement(
+            verdict=verdict,
+            reason=reason,
+            transform=case.registration.transform,
+            matches=_matches(evidence.match(case.registration.transform), pair),
+            before=before,
+            expected_error=error,
+            failure_probability=failure,
+            rivals=tuple(Rival(t, -c.log_odds) for t, c in case.opponents[: self.rivals]),
+        )
+
+
+def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], context: Context) -> _Case | None:
+    """The candidate with the most evidence, against its rivals; None when nothing meets anywhere."""
+    distinct: list[Registration] = []
+    for candidate in candidates:
+        if all(evidence.apart(candidate.transform, d.transform) > evidence.gate / 2 for d in distinct):
+            distinct.append(candidate)
+    matches = [evidence.match(evidence.refine(d.transform, context.model, rounds=1)) for d in distinct]
+    best = 0
+    rivals = find_rivals(evidence, matches[0].transform, tuple(m.transform for m in matches[1:]), context)
+    if len(matches) > 1 and rivals.decoys:
+        decoy = mean_statistics([evidence.statistics(m) for m in rivals.decoys])
+        totals = []
+        for match in matches:
+            right = evidence.statistics(match).better_than(decoy)
+            prior = log_prior(match.transform, pair.source, context.georeference_sd)
+            totals.append(sum(float(s.sum()) for s in evidence.scores(match, right, decoy)) + prior)
+        best = int(np.argmax(totals))
+        if best:
+            others = tuple(m.transform for k, m in enumerate(matches) if k != best)
+            rivals = find_rivals(evidence, matches[best].transform, others, context)
+    match = matches[best]
+    if not rivals.decoys or not len(match.source):
+        return None
+    decoy = mean_statistics([evidence.statistics(m) for m in rivals.decoys])
+    right = evidence.statistics(match).better_than(decoy)
+    prior = log_prior(match.transform, pair.source, context.georeference_sd)
+    opponents = []
+    for rival in rivals.dangerous:
+        against = prior - log_prior(rival.transform, pair.source, context.georeference_sd)
+        opponents.append((rival.transform, compare(evidence, match, rival, right, decoy).plus(against)))
+    opponents.sort(key=lambda o: o[1].log_odds)
+    total = sum(float(s.sum()) for s in evidence.scores(match, right, decoy))
+    return _Case(distinct[best], match, decoy, total, tuple(opponents))
+
+
+def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, str]:
+    rate = case.match.rate
+    share = f"{rate:.0%} of the trees that both surveys cover have a partner"
+    if failure <= max_failure:
+        return (
+            Verdict.ACCEPTED,
+            f"{share}, and no other placement comes near: the best rival is {_odds(case)} less likely.",
+        )
+    if rate < 0.95 and case.total < 15:
+        return Verdict.FAILED, (
+            f"No placement explains the trees: at the best one {share}, no more than at wrong ones. The surveys may "
+            "show different orchards, or too little of the same one."
+        )
+    return Verdict.AMBIGUOUS, (
+        f"{share}, but another placement explains the trees about as well: the chance that this one is wrong is "
+        f"{failure:.2g}, more than the {max_failure:g} allowed. Compare the rivals, or say how far the georeference "
+        "may be off (--georeference-sd)."
+    )
+
+
+def _odds(case: _Case) -> str:
+    return f"e^{case.opponents[0][1].log_odds:.0f} times" if case.opponents else "far"
+
+
+def _expected_error(evidence: Evidence, case: _Case, pair: Pair, context: Context) -> ExpectedError | None:
+    """The error of the fit, and on top what it is away from the evidence's own fit beyond what chance explains."""
+    try:
+        covariance, spread = fit_covariance(case.registration, pair.reference, pair.source, context.model)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    return expected_error(covariance, spread)
+
+
+def _matches(match: Match, pair: Pair) -> Matches:
+    ids = np.column_stack([pair.reference.ids[match.reference], pair.source.ids[match.source]])
+    return Matches(ids, match.distance)
+
+
+def _failed(reason: str, before: Matches) -> Judgement:
+    return Judgement(Verdict.FAILED, reason, None, NOTHING, before, None, 1.0, ())

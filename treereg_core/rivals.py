@@ -1,0 +1,84 @@
+"""Rivals: the placements that could be mistaken for a given one, made by the judge itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from treereg_core.correlation import Correlator, Peaks
+from treereg_core.evidence import Evidence, Match
+from treereg_core.method import Context
+from treereg_core.rotation import rotations
+from treereg_core.screening import screen
+from treereg_core.transform import Affine, Rigid
+
+NEAR = 12.0
+NEIGHBOURS = 48
+FOREMOST = 12
+SYMMETRIC = 0.6
+SAMPLE = 600
+DECOYS = 8
+DANGEROUS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """`dangerous`: those that come closest, to be compared tree by tree; `decoys`: typical wrong but regular ones."""
+
+    dangerous: tuple[Match, ...]
+    decoys: tuple[Match, ...]
+
+
+def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...], context: Context) -> Rivals:
+    """Placements a few trees or rows away, turned as the planting pattern allows, and anywhere else that looks good.
+
+    `others` are further ones to be considered, such as what other methods or starts ended on. If the judge knew only
+    what a search proposes it would miss the dangerous ones.
+    """
+    turns = _symmetries(evidence, context)
+    correlator = Correlator(evidence)
+    near: list[Affine] = []
+    far = list(others)
+    for angle in turns:
+        turned = Rigid.turn(angle) @ transform if angle else transform
+        for half_turn, peaks in enumerate(correlator.at(turned)):
+            if angle == 0 and not half_turn:
+                near = _nearest(peaks, transform, evidence)
+            far += [peaks.transform(k) for k in peaks.foremost(FOREMOST)]
+    n = len(evidence.source.features)
+    sample = np.sort(context.rng("judge", "sample").choice(n, min(SAMPLE, n), replace=False))
+    everything = screen(evidence, tuple(near + far), sample)
+    place = list(everything.transforms)
+    distinct = _distinct(evidence, transform, place, everything.score)
+    dangerous = [evidence.match(place[k]) for k in distinct[:DANGEROUS]]
+    decoys = [evidence.match(place[k]) for k in range(min(len(near), DECOYS))]
+    decoys = [m for m in decoys if evidence.apart(m.transform, transform) > evidence.gate]
+    return Rivals(tuple(dangerous), tuple(decoys or dangerous))
+
+
+def _symmetries(evidence: Evidence, context: Context) -> list[float]:
+    """Turns in degrees, 0 first, under which the reference's planting pattern looks the same; half turns go without."""
+    features = evidence.reference.features
+    angles, fit = rotations(features, features, evidence.spacing, context.rng("judge", "directions"), 6)
+    off = np.abs((angles + 90) % 180 - 90) > 2
+    return [0.0, *(float(a) for a, f in zip(angles[off], fit[off], strict=True) if f > SYMMETRIC * fit[0])]
+
+
+def _nearest(peaks: Peaks, transform: Affine, evidence: Evidence) -> list[Affine]:
+    """The neighbouring positions at which most trees meet, most first."""
+    away = np.hypot(*(peaks.shift - transform.shift).T)
+    near = np.flatnonzero((away > evidence.gate) & (away < NEAR * evidence.spacing))
+    return [peaks.transform(int(k)) for k in near[np.argsort(-peaks.met[near], kind="stable")][:NEIGHBOURS]]
+
+
+def _distinct(evidence: Evidence, transform: Affine, place: list[Affine], score: np.ndarray) -> list[int]:
+    """Positions of the placements that differ from the given one and from each other, best first."""
+    chosen: list[int] = []
+    for k in np.argsort(-score, kind="stable"):
+        seen = [transform, *(place[c] for c in chosen)]
+        if all(evidence.apart(place[k], other) > evidence.gate for other in seen):
+            chosen.append(int(k))
+        if len(chosen) == DANGEROUS:
+            break
+    return chosen

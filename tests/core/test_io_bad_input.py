@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,6 +56,16 @@ def test_file_instead_of_folder(tmp_path):
 def test_folder_instead_of_file(tmp_path):
     (tmp_path / "s" / "raw-detections.geojson").mkdir(parents=True)
     refusal(tmp_path / "s", "raw-detections.geojson", "cannot be read")
+
+
+def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
+    folder = survey(tmp_path / "s")
+
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    refusal(folder, "raw-detections.geojson", "permission denied", "check")
 
 
 @pytest.mark.parametrize("other", ["raw_detections.geojson", "detections_raw.gpkg", "raw-detections.parquet"])
@@ -129,6 +140,16 @@ def nested_collections(depth):
     return geometry
 
 
+def test_a_tangle_of_an_outline_is_refused_at_once(tmp_path):
+    ring = (np.array(square((0, 0))[0]) + 1e-4 * np.random.default_rng(0).random((6_000, 2))).tolist()
+    refusal(survey(tmp_path / "s", with_(6, geometry=polygon(ring))), "feature 6", "invalid outline", "simplify")
+
+
+def test_a_deeply_nested_property_does_no_harm(tmp_path):
+    features = with_(0, properties={"confidence": 0.5, "deep": json.loads("[" * 800 + "]" * 800)})
+    assert len(read_survey(survey(tmp_path / "s", features)).features) == 12
+
+
 def test_deeply_nested_geometry_is_read_or_refused(tmp_path):
     folder = survey(tmp_path / "s", with_(1, geometry=nested_collections(150)))
     try:
@@ -144,7 +165,9 @@ def test_coordinates_that_are_no_numbers(tmp_path, value):
     refusal(survey(tmp_path / "s", features), "feature 3", "not finite numbers", "mend")
 
 
-@pytest.mark.parametrize("ring", [[[1], [2], [3], [1]], [5, 6, 7, 8], [{}, {}, {}], "abcd", [[]] * 4])
+@pytest.mark.parametrize(
+    "ring", [[[1], [2], [3], [1]], [5, 6, 7, 8], [{}, {}, {}], "abcd", [[]] * 4, [7], [[1, 2], ["a", 3]]]
+)
 def test_positions_that_are_none(tmp_path, ring):
     refusal(survey(tmp_path / "s", with_(3, geometry=polygon(ring))), "feature 3", "mend")
 

@@ -56,7 +56,11 @@ def find_files(folder: Path) -> SurveyFiles:
 def _only(folder: Path, names: list[str]) -> Path | None:
     if len(names) > 1:
         raise InputError(f"{folder} holds both {names[0]} and {names[1]}, and only one is taken; remove the other.")
-    return folder / names[0] if names else None
+    if not names:
+        return None
+    if not (folder / names[0]).is_file():
+        raise InputError(f"{folder / names[0]} cannot be read, it is not a file; put the exported file in its place.")
+    return folder / names[0]
 
 
 def _some(names: list[str]) -> str:
@@ -86,6 +90,7 @@ def reading(path: Path, kind: str) -> Iterator[None]:
 def first_line(error: Exception) -> str:
     """The first line of an error's text, short enough to stand in a sentence."""
     text = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
+    text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= 160 else text[:157] + "..."
 
 

@@ -134,9 +134,12 @@ def _rings(polygon: Any, index: int, path: Path) -> list[list[Any]]:
     """The rings of one polygon that enclose something; none if its outline does not."""
     if not isinstance(polygon, list) or not all(isinstance(ring, list) for ring in polygon):
         raise _bad_position(index, path)
-    if not polygon or len(polygon[0]) < 3:
-        return []
-    return [ring for ring in polygon if len(ring) >= 3]
+    sound = [len(ring) > 3 or (len(ring) == 3 and ring[0] != ring[2]) for ring in polygon]
+    if all(sound):
+        return polygon
+    if not all(map(is_position, chain.from_iterable(polygon))):
+        raise _bad_position(index, path)
+    return [ring for ring, is_sound in zip(polygon, sound, strict=True) if is_sound] if sound[0] else []
 
 
 def _xy(positions: list[Any], feature_of_position: NDArray[np.int64], path: Path) -> FloatArray:

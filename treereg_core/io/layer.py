@@ -19,6 +19,8 @@ from treereg_core.transform import FloatArray
 if TYPE_CHECKING:
     from pyproj import CRS
 
+MOST_POINTS = 5_000
+"""An invalid outline of more points is refused: repairing it could take minutes."""
 MARGIN_DEG = 6.0
 """How far beyond a CRS's area of use coordinates may lie before its tag is taken to be wrong."""
 
@@ -56,6 +58,13 @@ def read_layer(path: Path, name: str | None = None) -> Layer:
         raise InputError(
             f"{path}: feature {owner[bad[0]]} (counted from 0) has coordinates that are not finite numbers; "
             "mend or remove it."
+        )
+    many = np.flatnonzero(shapely.get_num_coordinates(geometry) > MOST_POINTS)
+    tangled = many[~shapely.is_valid(geometry[many])]
+    if len(tangled):
+        raise InputError(
+            f"{path}: feature {tangled[0]} (counted from 0) has an invalid outline of more than {MOST_POINTS} points, "
+            "too many to repair; simplify or remove it."
         )
     name_of_crs = crs_name(crs)
     if crs.is_geographic:

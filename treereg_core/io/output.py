@@ -57,10 +57,10 @@ class OutputFolder:
         self._staging: Path | None = None
 
     def __enter__(self) -> Path:
-        self._check()
-        target = self.path.absolute()
-        base = next(folder for folder in (target, *target.parents) if folder.exists())
         try:
+            self._check()
+            target = self.path.absolute()
+            base = next(folder for folder in (target, *target.parents) if folder.exists())
             self._staging = Path(tempfile.mkdtemp(prefix=STAGING, dir=base))
             new = self._staging / "new"
             new.mkdir()
@@ -88,11 +88,8 @@ class OutputFolder:
                 raise UsageError(f"--out {self.path} is or contains the input folder {given}; choose another --out.")
         if self._overwrite:
             return
-        try:
-            earlier = self._earlier()
-            foreign = next((file for file in _files(self.path) if file not in earlier), None)
-        except OSError as error:
-            raise self._unwritable(error) from error
+        earlier = self._earlier()
+        foreign = next((file for file in _files(self.path) if file not in earlier), None)
         at_default = target == DEFAULT_OUT.resolve()
         found = foreign or (next(iter(sorted(earlier)), None) if not at_default else None)
         if found:

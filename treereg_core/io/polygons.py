@@ -13,7 +13,8 @@ def polygonal(geometry: Geometry) -> Geometry:
     import shapely
 
     if not shapely.is_valid(geometry):
-        geometry = shapely.make_valid(geometry)
+        # The other method takes a minute for a ring of 400 points that crosses itself everywhere, this one 0.3 s.
+        geometry = shapely.make_valid(geometry, method="structure", keep_collapsed=False)
     if geometry.geom_type in ("Polygon", "MultiPolygon"):
         return geometry
     parts = [geometry]

@@ -54,8 +54,8 @@ def _check_same_place(reference: Capture, source: Capture) -> None:
             f"{both} agree only when longitude and latitude are swapped in one of them; write longitude first in both."
         )
     raise InputError(
-        f"{both} are in different places, {apart / 1000:.0f} km apart; give two surveys of one orchard, or correct the "
-        "CRS of the wrong one."
+        f"{both} are in different places, {apart / 1000:,.1f} km apart; give two surveys of one orchard, or "
+        "correct the CRS of the wrong one."
     )
 
 

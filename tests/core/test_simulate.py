@@ -254,6 +254,7 @@ def test_truth_under_distortion_is_the_best_rigid(seed):
         return np.sqrt(((transform(source) - reference) ** 2).sum(axis=1).mean())
 
     assert 0.2 < rms(best) < 0.8
+    assert simulation.bend == pytest.approx(rms(best), rel=1e-6)
     assert simulation.error(Model.RIGID.fit(source, reference)) < 1e-6
     for nudge in (Rigid.turn(0.01), Rigid.turn(-0.01), Rigid.turn(0, shift=(0.01, 0)), Rigid.turn(0, shift=(0, -0.01))):
         assert rms(nudge @ best) > rms(best)

@@ -56,6 +56,8 @@ class Simulation:
 
     - `truth`: reference_from_source; with distortion the best rigid one over all trees; None where there is none to be
       found: different orchards, or a periodic one.
+    - `bend`: RMS metres that the truth leaves over the true trees, because no rigid transform can undo a smooth
+      distortion; 0 without one.
     - `reference_trees`, `source_trees` (n, 2): for each feature its trees, as positions in `trees`: -1, -1 for a false
       detection, one tree and -1, or two for a merged canopy. A tree that was split stands behind two features.
     - `outline` (k, 2): points along the edge of the reference's orchard in its frame, metres, counter-clockwise.
@@ -66,6 +68,7 @@ class Simulation:
     reference: FeatureSet
     source: FeatureSet
     truth: Rigid | None
+    bend: float
     trees: Trees
     reference_trees: IntArray
     source_trees: IntArray
@@ -99,7 +102,7 @@ class Simulation:
         if self.truth is None:
             raise ValueError("this simulation has no true transform")
         xy = self.source.xy[self.source_trees[:, 0] >= 0]
-        return math.sqrt(float(np.mean(((reference_from_source(xy) - self.truth(xy)) ** 2).sum(axis=1))))
+        return _rms(reference_from_source(xy) - self.truth(xy))
 
 
 def simulate(scene: Scene, seed: int) -> Simulation:
@@ -124,21 +127,25 @@ def simulate(scene: Scene, seed: int) -> Simulation:
     alive = second.random(len(surveyed.xy)) >= scene.dead
     source = detect(surveyed, surveyed_scene, Visit(source_view, alive, scene.growth), second)
     misplaced = _misplacement(scene, moving)
-    bend = _distortion(scene, surveyed.positions, moving)
+    distorted = _distortion(scene, surveyed.positions, moving)
 
     truth: Rigid | None = misplaced.inverse()
+    bend = 0.0
     if not scene.same_orchard or scene.periodic:
         truth = None
     elif scene.distortion > 0:
-        truth = Rigid.from_matrix(Model.RIGID.fit(misplaced(bend(orchard.xy)), orchard.xy).matrix)
+        shown = misplaced(distorted(orchard.xy))
+        truth = Rigid.from_matrix(Model.RIGID.fit(shown, orchard.xy).matrix)
+        bend = _rms(truth(shown) - orchard.xy)
     trees = _trees(orchard) if surveyed is orchard else _joined(_trees(orchard), _trees(surveyed))
     offset = len(trees) - len(surveyed.xy)
     return Simulation(
         scene=scene,
         seed=seed,
         reference=reference.features(),
-        source=source.features().replace(xy=misplaced(bend(source.xy))),
+        source=source.features().replace(xy=misplaced(distorted(source.xy))),
         truth=truth,
+        bend=bend,
         trees=trees,
         reference_trees=frozen_array(reference.trees, np.int64),
         source_trees=frozen_array(np.where(source.trees >= 0, source.trees + offset, -1), np.int64),
@@ -163,6 +170,11 @@ def _distortion(scene: Scene, positions: FloatArray, rng: np.random.Generator) -
     east, north = SmoothField.over(positions, rng), SmoothField.over(positions, rng)
     per_axis = scene.distortion / math.sqrt(2 * math.log(10))
     return lambda points: points + per_axis * np.column_stack([east(points), north(points)])
+
+
+def _rms(vectors: FloatArray) -> float:
+    """Root mean square length of vectors (n, 2)."""
+    return math.sqrt(float(np.mean((vectors**2).sum(axis=1))))
 
 
 def _trees(orchard: Orchard) -> Trees:

@@ -67,9 +67,11 @@ def mutual_nearest(distance: FloatArray) -> IntArray:
 def along_rows(pair: Pair, context: Context) -> Registration:
     """The model fitted to trees of matched rows that are each other's nearest within their rows.
 
-    Raises `NoRegistration` when no rows are matched or their trees do not determine the model.
+    Raises `NoRegistration` when no rows are matched, or their trees are fewer than three or do not determine the model.
     """
     ids = trees_along_rows(pair)
+    if len(ids) < 3:
+        raise NoRegistration(f"the {len(ids)} trees of the matched rows are too few to fix a placement")
     reference = pair.reference.xy[pair.reference.positions(ids[:, 0])]
     source = pair.source.xy[pair.source.positions(ids[:, 1])]
     try:

@@ -7,40 +7,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from treereg_core.evidence import Evidence, Match, Statistics
-from treereg_core.features import IntArray
+from treereg_core.features import BoolArray, IntArray
 from treereg_core.transform import FloatArray
 
 TREES_PER_BLOCK = 50
 FEWEST_BLOCKS, MOST_BLOCKS = 4, 36
+TREES_KNOW = 10
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """`log_odds` of the placement against its rival, and `consistency`: their sum over blocks of the field in units of
-    its own standard error, a t statistic. Evidence that comes from one corner only is no evidence."""
+    """The log-odds of a placement against its rival.
+
+    `standard_error` is how far the sum over the field's trees would stray if they were drawn anew: evidence that comes
+    from one corner only is no evidence. `prior` is the part of the log-odds that was known beforehand.
+    """
 
     log_odds: float
-    consistency: float
+    standard_error: float
     prior: float = 0.0
 
     @property
     def margin(self) -> float:
-        """The smaller of the log-odds and of twice the consistency squared (signed), with what was known beforehand."""
-        square = 2 * self.consistency * abs(self.consistency)
-        return min(self.log_odds, square + self.prior)
+        """The smaller of the log-odds and of twice their squared ratio to the standard error, signed."""
+        seen = self.log_odds - self.prior
+        ratio = seen / max(self.standard_error, 1e-6)
+        return min(seen, 2 * ratio * abs(ratio)) + self.prior
 
     def plus(self, prior: float) -> Comparison:
         """The same with log-odds that were known beforehand."""
-        return Comparison(self.log_odds + prior, self.consistency, self.prior + prior)
+        return Comparison(self.log_odds + prior, self.standard_error, self.prior + prior)
 
 
-def compare(
-    evidence: Evidence,
-    match: Match,
-    rival: Match,
-    right: Statistics,
-    decoy: Statistics,
-) -> Comparison:
+def compare(evidence: Evidence, match: Match, rival: Match, right: Statistics, decoy: Statistics) -> Comparison:
     """Weigh a placement against a rival.
 
     Only trees that lie in the footprints of both placements count, so that the outlines of two differently cropped
@@ -48,21 +47,39 @@ def compare(
     leaves uncovered is evidence for the placement in so far as it is better there than a decoy.
     """
     mine, its = evidence.scores(match, right, decoy), evidence.scores(rival, right, decoy)
-    places = evidence.reference.features.xy, match.transform(evidence.source.features.xy)
     covered = match.covered_reference, match.covered_source
-    common = [a & b for a, b in zip(covered, (rival.covered_reference, rival.covered_source), strict=True)]
-    if sum(c.sum() for c in common) < 0.5 * sum(c.sum() for c in covered):
-        common = [a | b for a, b in zip(covered, (rival.covered_reference, rival.covered_source), strict=True)]
-    gain = np.concatenate([(a - b)[c] for a, b, c in zip(mine, its, common, strict=True)])
-    where = np.concatenate([p[c] for p, c in zip(places, common, strict=True)])
-    return Comparison(float(gain.sum()), _consistency(gain, where))
+    also = rival.covered_reference, rival.covered_source
+    counted = [a & b for a, b in zip(covered, also, strict=True)]
+    if sum(c.sum() for c in counted) < 0.5 * sum(c.sum() for c in covered):
+        counted = [a | b for a, b in zip(covered, also, strict=True)]
+    return _sum(evidence, match, [a - b for a, b in zip(mine, its, strict=True)], counted)
 
 
-def _consistency(gain: FloatArray, where: FloatArray) -> float:
-    if len(gain) < 2 * FEWEST_BLOCKS:
-        return 0.0
-    sums = np.bincount(_blocks(where, int(np.clip(len(gain) / TREES_PER_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))), gain)
-    return float(sums.sum() / max(np.sqrt(len(sums)) * sums.std(ddof=1), 1e-3))
+def standing(evidence: Evidence, match: Match, right: Statistics, decoy: Statistics) -> Comparison:
+    """Weigh a placement by itself: is it right, or one decoy among others?"""
+    mine = evidence.scores(match, right, decoy)
+    return _sum(evidence, match, list(mine), [match.covered_reference, match.covered_source])
+
+
+def _sum(evidence: Evidence, match: Match, gains: list[FloatArray], counted: list[BoolArray]) -> Comparison:
+    places = evidence.reference.features.xy, match.transform(evidence.source.features.xy)
+    gain = np.concatenate([g[c] for g, c in zip(gains, counted, strict=True)])
+    where = np.concatenate([p[c] for p, c in zip(places, counted, strict=True)])
+    return Comparison(float(gain.sum()), _standard_error(gain, where))
+
+
+def _standard_error(gain: FloatArray, where: FloatArray) -> float:
+    """Of the sum of gains (n,) at places (n, 2): from sums over blocks, which feel what neighbours have in common.
+
+    A few blocks know their own spread badly, so the trees' own variance counts like `TREES_KNOW` blocks more.
+    """
+    n = len(gain)
+    if n < 2 * FEWEST_BLOCKS:
+        return float("inf")
+    sums = np.bincount(_blocks(where, int(np.clip(n / TREES_PER_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))), gain)
+    of_blocks, of_trees = len(sums) * sums.var(ddof=1), n * gain.var(ddof=1)
+    known = len(sums) - 1
+    return float(np.sqrt((known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)))
 
 
 def _blocks(where: FloatArray, count: int) -> IntArray:

@@ -14,6 +14,7 @@ from treereg_core.transform import Affine, FloatArray
 CELL = 1 / 3
 KERNEL = 0.25
 COARSER = 4
+WORTH_THREADS = 1_000_000
 LEAST_COMMON = 0.04
 LEAST_TREES = 8.0
 
@@ -72,11 +73,12 @@ class Correlator:
         fixed_low, moved_low = reference.features.xy.min(axis=0), moved.min(axis=0)
         size = np.ptp(reference.features.xy, axis=0) + np.ptp(moved, axis=0) + 4 * self.cell
         shape = self._shape(size, self.cell)
+        workers = self.threads if shape[0] * shape[1] > WORTH_THREADS else 1
         blur = _gaussian(shape, KERNEL * self.spacing / self.cell)
 
         def spectrum(points: FloatArray, values: FloatArray) -> FloatArray:
             grid = _draw(points / self.cell, values, shape)
-            return np.asarray(fft.rfft2(grid, workers=self.threads))
+            return np.asarray(fft.rfft2(grid, workers=workers))
 
         fixed = reference.features.xy - fixed_low
         density = spectrum(fixed, self.weights[0]) * blur
@@ -95,7 +97,7 @@ class Correlator:
         for sign, corner, limit in ((1, moved_low, reach), (-1, -moved_low, np.array(shape))):
 
             def correlate(a: FloatArray, b: FloatArray, s: tuple[int, int], sign: int = sign) -> FloatArray:
-                return np.asarray(fft.irfft2(a * (np.conj(b) if sign > 0 else b), s=s, workers=self.threads))
+                return np.asarray(fft.irfft2(a * (np.conj(b) if sign > 0 else b), s=s, workers=workers))
 
             maps = correlate(density, moving[0], shape), correlate(crowns, moving[1], shape)
             common = correlate(mask, moving_mask, coarse_shape) * (coarse_cell**2 * self.density)

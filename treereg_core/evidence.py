@@ -8,6 +8,7 @@ placements of the same two surveys on each other's lattice.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,13 @@ from treereg_core.transform import Affine, FloatArray, Model
 
 NEIGHBOURS = 24
 CLASSES = 3
+CHANCE_PAIRS = 20
+
+
+def second_moments(xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centroid (2,) and covariance (2, 2) of points."""
+    centre = xy.mean(axis=0)
+    return centre, (xy - centre).T @ (xy - centre) / len(xy)
 
 
 def local_scores(xy: FloatArray, values: FloatArray, tree: cKDTree, threads: int = 1) -> FloatArray:
@@ -33,7 +41,7 @@ def local_scores(xy: FloatArray, values: FloatArray, tree: cKDTree, threads: int
     k = min(NEIGHBOURS + 1, max(n // 3, 2))
     if n < 3 or np.ptp(values) < 1e-9 * max(1.0, float(np.abs(values).max())):
         return np.zeros(n)
-    _, near = tree.query(xy, k=k, workers=threads)
+    _, near = nearest(tree, xy, np.inf, k, threads)
     local = values - np.median(values[near], axis=1)
     order = np.argsort(local, kind="stable")
     rank = np.empty(n)
@@ -95,16 +103,22 @@ class Statistics:
     pairs: int
 
     def better_than(self, decoy: Statistics) -> Statistics:
-        """The same, but nowhere worse than a decoy's, and correlations less what chance alone would give.
+        """The same, but nowhere worse than a decoy's, and less what chance gives to few pairs.
 
-        Without it two different orchards score high: their pairs differ from the decoys', only not for the better.
+        Without the first two different orchards score high: their pairs differ from the decoys', only not for the
+        better. Without the second a small overlap does.
         """
-        chance = 1 / np.sqrt(max(self.pairs, 1))
+        trust = self.pairs / (self.pairs + CHANCE_PAIRS)
+        chance = 1 / math.sqrt(max(self.pairs, 1))
+
+        def better(mine: FloatArray, its: FloatArray) -> FloatArray:
+            return np.maximum(trust * mine + (1 - trust) * its, its)
+
         return Statistics(
-            np.maximum(self.rate_reference, decoy.rate_reference),
-            np.maximum(self.rate_source, decoy.rate_source),
-            min(self.variance, decoy.variance),
-            {k: float(np.clip(r - chance, 0, 0.9)) for k, r in self.correlation.items()},
+            better(self.rate_reference, decoy.rate_reference),
+            better(self.rate_source, decoy.rate_source),
+            min(trust * self.variance + (1 - trust) * decoy.variance, decoy.variance),
+            {name: min(max(r - chance, 0.0), 0.9) for name, r in self.correlation.items()},
             self.pairs,
         )
 
@@ -138,13 +152,16 @@ class Evidence:
         self.threads = threads
         self.names = ("area", "confidence", *sorted(set(reference.attributes) & set(source.attributes)))
         reach = 2.5 * self.spacing
+        self._spread = second_moments(source.xy)
         self.reference = Side.of(reference, reach, self.names, threads)
         self.source = Side.of(source, reach, self.names, threads)
 
     def apart(self, a: Affine, b: Affine) -> float:
         """How far two placements put the source's trees from each other, metres, RMS."""
-        xy = self.source.features.xy
-        return float(np.sqrt(np.mean(((a(xy) - b(xy)) ** 2).sum(axis=1))))
+        linear = a.linear - b.linear
+        centre, covariance = self._spread
+        shift = linear @ centre + a.shift - b.shift
+        return math.sqrt(max(float(shift @ shift + np.trace(linear @ covariance @ linear.T)), 0.0))
 
     def match(self, transform: Affine) -> Match:
         """The one-to-one pairs under a placement: each reference tree takes the nearest source tree that claims it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.special import gammaincinv
 
@@ -9,6 +11,9 @@ from treereg_core.features import FeatureSet
 from treereg_core.judgement import ExpectedError
 from treereg_core.method import Registration
 from treereg_core.transform import FloatArray, Model
+
+SURELY_PAIRED = 0.15
+MISPAIRED = 3.3
 
 
 def fit_covariance(
@@ -18,8 +23,12 @@ def fit_covariance(
 
     The expected square error over the trees is the trace of their product. The covariance is the sandwich of White
     1980, doi:10.2307/1912934, with the pairs of one source tree taken together, so that outliers and uneven noise count
-    as they are; parameters are taken about the pairs' centroid. Raises `ValueError` when the pairs do not determine
-    the model.
+    as they are. A weight below the largest is read as the probability that the pair is one, which tells less than a
+    certain pair where it gives way to the residual (Louis 1982, doi:10.1111/j.2517-6161.1982.tb01203.x). Where the
+    residuals are no longer small against the tree spacing, wrong pairs add to the error; by how much is calibrated on
+    simulated orchards. Parameters are taken about the pairs' centroid.
+
+    Raises `ValueError` when the pairs do not determine the model.
     """
     at_reference = reference.positions(registration.pairs[:, 0])
     at_source = source.positions(registration.pairs[:, 1])
@@ -29,17 +38,27 @@ def fit_covariance(
         raise ValueError("a fit without pairs has no covariance")
     centre = weight @ moved[at_source] / weight.sum()
     residual = reference.xy[at_reference] - moved[at_source]
+    square = (residual**2).sum(axis=1)
+    variance = max(float(weight @ square / (2 * weight.sum())), 1e-12)
+    known = weight * (1 - (1 - weight / weight.max()) * square / (2 * variance))
+    effective = float(weight.sum() ** 2 / (weight**2).sum())
+    if effective <= model.parameters / 2 or known.sum() <= 0:
+        raise ValueError("the pairs do not determine the transform")
     jacobian = _jacobian(moved[at_source] - centre, model)
-    hessian = np.einsum("k,kap,kaq->pq", weight, jacobian, jacobian)
+    hessian = np.einsum("k,kap,kaq->pq", known, jacobian, jacobian)
     pull = np.einsum("k,kap,ka->kp", weight, jacobian, residual)
     tree = np.column_stack([np.bincount(at_source, column, len(source)) for column in pull.T])
-    effective = float(weight.sum() ** 2 / (weight**2).sum())
-    if effective <= model.parameters / 2:
-        raise ValueError("the pairs do not determine the transform")
-    inverse = np.linalg.inv(hessian)
-    covariance = inverse @ (tree.T @ tree) @ inverse * (effective / (effective - model.parameters / 2))
+    try:
+        inverse = np.linalg.inv(hessian)
+    except np.linalg.LinAlgError:
+        raise ValueError("the pairs do not determine the transform") from None
+    wrong_pairs = 1 + MISPAIRED * max(0.0, math.sqrt(variance) / reference.spacing - SURELY_PAIRED)
+    inflation = wrong_pairs * effective / (effective - model.parameters / 2)
     over_trees = _jacobian(moved - centre, model)
-    return covariance, np.einsum("kap,kaq->pq", over_trees, over_trees) / len(moved)
+    return (
+        inflation * inverse @ (tree.T @ tree) @ inverse,
+        np.einsum("kap,kaq->pq", over_trees, over_trees) / len(moved),
+    )
 
 
 def expected_error(covariance: FloatArray, spread: FloatArray, bias: float = 0.0) -> ExpectedError:

@@ -17,6 +17,8 @@ from treereg_core.transform import FloatArray
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+WORTH_THREADS = 20_000
+
 
 def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """A read-only array; a copy, unless `values` already is one."""
@@ -34,7 +36,8 @@ def nearest(
 
     One that is missing within the distance `within` has an infinite distance and the index `tree.n`.
     """
-    distance, index = tree.query(points, k=count, distance_upper_bound=within, workers=threads)
+    workers = threads if len(points) > WORTH_THREADS else 1
+    distance, index = tree.query(points, k=count, distance_upper_bound=within, workers=workers)
     return np.asarray(distance), np.asarray(index, dtype=np.int64)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from treereg_core.comparison import Comparison, compare
+from treereg_core.comparison import Comparison, compare, standing
 from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
 from treereg_core.expected_error import expected_error, fit_covariance
 from treereg_core.judgement import ExpectedError, Judgement, Matches, Rival, Verdict
@@ -21,6 +21,8 @@ from treereg_core.transform import Affine, Rigid
 
 SLOPE, OFFSET = 0.56, 1.84
 MOST_CERTAIN = 1e-12
+CHOICE = 30.0
+SMALL_OVERLAP = 0.2
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
 
@@ -31,13 +33,18 @@ class _Case:
     registration: Registration
     match: Match
     decoy: Statistics
-    total: float
+    alone: Comparison
     opponents: tuple[tuple[Affine, Comparison], ...]
 
     @property
     def margin(self) -> float:
-        """By how much it beats its most dangerous rival."""
-        return min((c.margin for _, c in self.opponents), default=0.0)
+        """By how much it beats decoys and its most dangerous rival, less what a small overlap owes to choice.
+
+        The smaller the overlap, the more placements there are, and with few trees one of them looks good by chance.
+        """
+        seen = np.concatenate([self.match.covered_reference, self.match.covered_source]).mean()
+        owed = CHOICE * max(0.0, 1 - float(seen) / SMALL_OVERLAP)
+        return min(self.alone.margin, *(c.margin for _, c in self.opponents)) - owed
 
 
 class Judge(BaseModel):
@@ -117,8 +124,7 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
         against = prior - log_prior(rival.transform, pair.source, context.georeference_sd)
         opponents.append((rival.transform, compare(evidence, match, rival, right, decoy).plus(against)))
     opponents.sort(key=lambda o: o[1].log_odds)
-    total = sum(float(s.sum()) for s in evidence.scores(match, right, decoy))
-    return _Case(distinct[best], match, decoy, total, tuple(opponents))
+    return _Case(distinct[best], match, decoy, standing(evidence, match, right, decoy), tuple(opponents))
 
 
 def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, str]:
@@ -129,7 +135,7 @@ def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, 
             Verdict.ACCEPTED,
             f"{share}, and no other placement comes near: the best rival is {_odds(case)} less likely.",
         )
-    if rate < 0.95 and case.total < 15:
+    if rate < 0.95 and case.alone.log_odds < 15:
         return Verdict.FAILED, (
             f"No placement explains the trees: at the best one {share}, no more than at wrong ones. The surveys may "
             "show different orchards, or too little of the same one."

@@ -16,7 +16,8 @@ from treereg_core.transform import Affine, Rigid
 NEAR = 12.0
 NEIGHBOURS = 48
 FOREMOST = 12
-SYMMETRIC = 0.6
+TURNS = 6
+SUITS = 0.6
 SAMPLE = 600
 DECOYS = 8
 DANGEROUS = 8
@@ -31,19 +32,17 @@ class Rivals:
 
 
 def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...], context: Context) -> Rivals:
-    """Placements a few trees or rows away, turned as the planting pattern allows, and anywhere else that looks good.
+    """Placements a few trees or rows away, turned as the planting patterns allow, and anywhere else that looks good.
 
     `others` are further ones to be considered, such as what other methods or starts ended on. If the judge knew only
     what a search proposes it would miss the dangerous ones.
     """
-    turns = _symmetries(evidence, context)
     correlator = Correlator(evidence)
     near: list[Affine] = []
     far = list(others)
-    for angle in turns:
-        turned = Rigid.turn(angle) @ transform if angle else transform
-        for half_turn, peaks in enumerate(correlator.at(turned)):
-            if angle == 0 and not half_turn:
+    for turn in _turns(evidence, transform, context):
+        for half_turn, peaks in enumerate(correlator.at(Rigid.turn(turn) @ transform)):
+            if turn == 0 and not half_turn:
                 near = _nearest(peaks, transform, evidence)
             far += [peaks.transform(k) for k in peaks.foremost(FOREMOST)]
     n = len(evidence.source.features)
@@ -57,12 +56,15 @@ def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...
     return Rivals(tuple(dangerous), tuple(decoys or dangerous))
 
 
-def _symmetries(evidence: Evidence, context: Context) -> list[float]:
-    """Turns in degrees, 0 first, under which the reference's planting pattern looks the same; half turns go without."""
-    features = evidence.reference.features
-    angles, fit = rotations(features, features, evidence.spacing, context.rng("judge", "directions"), 6)
-    off = np.abs((angles + 90) % 180 - 90) > 2
-    return [0.0, *(float(a) for a, f in zip(angles[off], fit[off], strict=True) if f > SYMMETRIC * fit[0])]
+def _turns(evidence: Evidence, transform: Affine, context: Context) -> list[float]:
+    """By how many degrees the source might have to be turned further: 0, and the other turns that suit both patterns.
+
+    Half turns go without saying. The turns are found anew, since the placement may itself be askew.
+    """
+    reference, source = evidence.reference.features, evidence.source.features
+    angles, fit = rotations(reference, source, evidence.spacing, context.rng("judge", "directions"), TURNS)
+    further = (angles - transform.rotation_deg + 90) % 180 - 90
+    return [0.0, *(float(a) for a, f in zip(further, fit, strict=True) if abs(a) > 1 and f > SUITS * fit[0])]
 
 
 def _nearest(peaks: Peaks, transform: Affine, evidence: Evidence) -> list[Affine]:

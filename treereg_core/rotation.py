@@ -11,7 +11,7 @@ from treereg_core.transform import FloatArray
 BINS = 720
 RINGS = np.arange(0.6, 10.01, 0.2)
 RADIUS = (RINGS[:-1] + RINGS[1:]) / 2
-PAIRS = 400_000
+PAIRS = 200_000
 NOISE = 0.08
 APART = 2.0
 
@@ -26,13 +26,17 @@ def vector_rose(features: FeatureSet, spacing: float, rng: np.random.Generator) 
     probe = cKDTree(xy[:: max(1, len(xy) // 50)])
     per_tree = max(features.tree.count_neighbors(probe, reach) / probe.n, 1.0)
     anchors = xy
-    if len(xy) * per_tree > PAIRS:
+    if len(xy) * per_tree / 2 > PAIRS:
         anchors = xy[rng.choice(len(xy), min(len(xy), int(PAIRS / per_tree) + 1), replace=False)]
-    near = cKDTree(anchors).sparse_distance_matrix(features.tree, reach, output_type="ndarray")
-    ring = np.floor((near["v"] / spacing - RINGS[0]) / (RINGS[1] - RINGS[0])).astype(np.int64)
+    if anchors is xy:
+        i, j = features.tree.query_pairs(reach, output_type="ndarray").T
+    else:
+        near = cKDTree(anchors).sparse_distance_matrix(features.tree, reach, output_type="ndarray")
+        i, j = near["i"], near["j"]
+    vector = xy[j] - anchors[i]
+    ring = np.floor((np.hypot(*vector.T) / spacing - RINGS[0]) / (RINGS[1] - RINGS[0])).astype(np.int64)
     keep = (ring >= 0) & (ring < len(RADIUS))
-    ring, near = ring[keep], near[keep]
-    vector = xy[near["j"]] - anchors[near["i"]]
+    ring, vector = ring[keep], vector[keep]
     angle = np.arctan2(vector[:, 1], vector[:, 0]) * (BINS / np.pi)
     low = np.floor(angle).astype(np.int64)
     part = angle - low
@@ -51,7 +55,8 @@ def rotations(
     The half turn cannot be told from directions of pairs: each rotation stands for itself and its twin. The two roses
     are correlated ring by ring, each blurred by the noise of tree positions at its radius.
     """
-    a, b = (np.fft.rfft(vector_rose(f, spacing, rng), axis=1) for f in (reference, source))
+    a = np.fft.rfft(vector_rose(reference, spacing, rng), axis=1)
+    b = a if source is reference else np.fft.rfft(vector_rose(source, spacing, rng), axis=1)
     noise = NOISE / RADIUS * BINS / np.pi
     blur = np.exp(-2 * (np.pi * np.outer(noise, np.arange(a.shape[1]) / BINS)) ** 2)
     a, b = a * blur, b * blur

@@ -30,7 +30,7 @@ def screen(evidence: Evidence, transforms: tuple[Affine, ...], sample: IntArray,
     xy = evidence.source.features.xy[sample]
     reference = evidence.reference.features
     for last in [False] * rounds + [True]:
-        moved = np.einsum("kab,mb->kma", linear, xy) + shift[:, None]
+        moved = xy @ linear.transpose(0, 2, 1) + shift[:, None]
         distance, target = nearest(reference.tree, moved.reshape(-1, 2), evidence.gate, threads=evidence.threads)
         distance, target = distance.reshape(moved.shape[:2]), target.reshape(moved.shape[:2])
         met = target < len(reference)
@@ -39,7 +39,7 @@ def screen(evidence: Evidence, transforms: tuple[Affine, ...], sample: IntArray,
         to = reference.xy[np.where(met, target, 0)]
         turn, step = _rigid_steps(moved, to, met)
         linear = turn @ linear
-        shift = np.einsum("kab,kb->ka", turn, shift) + step
+        shift = (turn @ shift[..., None])[..., 0] + step
     covered = evidence.reference.footprint.covers(moved.reshape(-1, 2)).reshape(met.shape) | met
     score = _score(evidence, sample, distance, target, met, covered)
     kinds = [type(t) for t in transforms]
@@ -48,15 +48,15 @@ def screen(evidence: Evidence, transforms: tuple[Affine, ...], sample: IntArray,
 
 def _rigid_steps(moved: FloatArray, to: FloatArray, met: BoolArray) -> tuple[FloatArray, FloatArray]:
     """For each placement (k, m, 2) the rigid motion that fits its met trees best; none where fewer than three meet."""
-    weight = met / np.maximum(met.sum(axis=1, keepdims=True), 1)
-    p_mean, q_mean = np.einsum("km,kma->ka", weight, moved), np.einsum("km,kma->ka", weight, to)
+    weight = (met / np.maximum(met.sum(axis=1, keepdims=True), 1))[:, None]
+    p_mean, q_mean = (weight @ moved)[:, 0], (weight @ to)[:, 0]
     p, q = moved - p_mean[:, None], to - q_mean[:, None]
-    cos = np.einsum("km,kma,kma->k", weight, p, q)
-    sin = np.einsum("km,km->k", weight, p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])
+    cos = (weight @ (p * q).sum(axis=2)[..., None])[:, 0, 0]
+    sin = (weight @ (p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])[..., None])[:, 0, 0]
     enough = (met.sum(axis=1) >= 3) & (cos > 0)
     angle = np.where(enough, np.arctan2(sin, np.where(enough, cos, 1)), 0)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
-    step = np.where(enough[:, None], q_mean - np.einsum("kab,kb->ka", turn, p_mean), 0)
+    step = np.where(enough[:, None], q_mean - (turn @ p_mean[..., None])[..., 0], 0)
     return turn, step
 
 

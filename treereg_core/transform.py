@@ -67,9 +67,10 @@ class Affine(Transform):
     @staticmethod
     def _checked(linear: FloatArray) -> FloatArray:
         """The linear part as it is kept: checked, and made exactly of its kind."""
-        if not np.isfinite(linear).all():
+        (a, b), (c, d) = linear.tolist()
+        if not math.isfinite(a + b + c + d):
             raise ValueError("a transform must be finite")
-        if not abs(np.linalg.det(linear)) > 1e-12 * max(float(np.abs(linear).max()) ** 2, 1e-300):
+        if not abs(a * d - b * c) > 1e-12 * max(abs(a), abs(b), abs(c), abs(d), 1e-150) ** 2:
             raise ValueError("a transform must be invertible")
         return linear
 
@@ -159,11 +160,11 @@ class Similarity(Affine):
     @staticmethod
     def _checked(linear: FloatArray) -> FloatArray:
         linear = Affine._checked(linear)
-        cos, sin = (linear[0, 0] + linear[1, 1]) / 2, (linear[1, 0] - linear[0, 1]) / 2
-        exact = np.array([[cos, -sin], [sin, cos]])
-        if not np.allclose(linear, exact, rtol=0, atol=1e-6 * float(np.abs(linear).max())):
+        (a, b), (c, d) = linear.tolist()
+        cos, sin = (a + d) / 2, (c - b) / 2
+        if max(abs(a - cos), abs(b + sin)) > 1e-6 * max(abs(a), abs(b), abs(c), abs(d)):
             raise ValueError("a similarity is a scaled rotation without reflection")
-        return exact
+        return np.array([[cos, -sin], [sin, cos]])
 
 
 class Rigid(Similarity):

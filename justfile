@@ -1,0 +1,50 @@
+# Tasks for developers: `just` lists them. Each is one plain command, so they work without just too.
+
+_list:
+    @just --list --unsorted
+
+# Make the environment: every plugin, every tool
+setup:
+    uv sync
+
+# Run the tests, or some: `just test tests/core -k expression`
+test *arguments:
+    uv run pytest {{ arguments }}
+
+# Look for mistakes without running anything
+lint:
+    uv run ruff check .
+    uv run ruff format --check .
+
+# Check the types
+types:
+    uv run mypy
+
+# Put the code into its form and mend what can be mended
+format:
+    uv run ruff check --fix .
+    uv run ruff format .
+
+# How often right, wrong in silence, flagged: `just accuracy --group ordinary --seeds 400 --out ordinary.csv`
+accuracy *arguments:
+    uv run python -m benchmarks.accuracy {{ arguments }}
+
+# Whether the failure probability keeps its word: `just calibration ordinary.csv`
+calibration +files:
+    uv run python -m benchmarks.calibration {{ files }}
+
+# Seconds and memory over sizes of orchards
+speed *arguments:
+    uv run python -m benchmarks.speed {{ arguments }}
+
+# Seconds until the command line answers
+startup *arguments:
+    uv run python -m benchmarks.startup {{ arguments }}
+
+# Wheels of the core and of every plugin, in dist/
+build:
+    uv build --all-packages
+
+# Everything that must hold before a change is merged
+ci:
+    .ci/run

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from treereg_core.evidence import Evidence, Side
 from treereg_core.features import IntArray
 from treereg_core.transform import Affine, FloatArray
+
+Map = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
 
 CELL = 1 / 3
 KERNEL = 0.25
@@ -76,15 +80,13 @@ class Correlator:
         workers = self.threads if shape[0] * shape[1] > WORTH_THREADS else 1
         blur = _gaussian(shape, KERNEL * self.spacing / self.cell)
 
-        def spectrum(points: FloatArray, values: FloatArray) -> FloatArray:
-            grid = _draw(points / self.cell, values, shape)
-            return np.asarray(fft.rfft2(grid, workers=workers))
+        def spectra(side: Side, weights: FloatArray, points: FloatArray) -> list[Spectrum]:
+            brush = _Brush(points / self.cell, shape)
+            maps = brush.draw(weights), brush.draw(weights * side.scores["area"])
+            return [np.asarray(fft.rfft2(m, workers=workers, overwrite_x=True)) for m in maps]
 
-        fixed = reference.features.xy - fixed_low
-        density = spectrum(fixed, self.weights[0]) * blur
-        crowns = spectrum(fixed, self.weights[0] * reference.scores["area"]) * blur
-        moved = moved - moved_low
-        moving = spectrum(moved, self.weights[1]), spectrum(moved, self.weights[1] * source.scores["area"])
+        fixed = [blur * m for m in spectra(reference, self.weights[0], reference.features.xy - fixed_low)]
+        moving = spectra(source, self.weights[1], moved - moved_low)
 
         coarse_cell = COARSER * self.cell
         coarse_shape = self._shape(size + 2 * coarse_cell, coarse_cell)
@@ -96,10 +98,10 @@ class Correlator:
         reach = np.ptp(reference.features.xy, axis=0) / self.cell + 2
         for sign, corner, limit in ((1, moved_low, reach), (-1, -moved_low, np.array(shape))):
 
-            def correlate(a: FloatArray, b: FloatArray, s: tuple[int, int], sign: int = sign) -> FloatArray:
+            def correlate(a: Spectrum, b: Spectrum, s: tuple[int, int], sign: int = sign) -> Map:
                 return np.asarray(fft.irfft2(a * (np.conj(b) if sign > 0 else b), s=s, workers=workers))
 
-            maps = correlate(density, moving[0], shape), correlate(crowns, moving[1], shape)
+            maps = correlate(fixed[0], moving[0], shape), correlate(fixed[1], moving[1], shape)
             common = correlate(mask, moving_mask, coarse_shape) * (coarse_cell**2 * self.density)
             shift, trees, score = self._peaks(*maps, common, coarse_cell, limit)
             turned = type(template)(sign * template.linear, template.shift)
@@ -113,14 +115,14 @@ class Correlator:
 
     def _mask(
         self, side: Side, linear: FloatArray, corner: FloatArray, cell: float, shape: tuple[int, int]
-    ) -> FloatArray:
+    ) -> Spectrum:
         footprint = side.footprint
         points = footprint.points @ linear.T - corner
         values = np.full(len(points), (footprint.cell / cell) ** 2)
-        return np.asarray(fft.rfft2(_draw(points / cell, values, shape)))
+        return np.asarray(fft.rfft2(_Brush(points / cell, shape).draw(values)))
 
     def _peaks(
-        self, met: FloatArray, crowns: FloatArray, common: FloatArray, coarse_cell: float, limit: FloatArray
+        self, met: Map, crowns: Map, common: Map, coarse_cell: float, limit: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Local maxima of the met trees, with sub-cell shifts in metres, met trees and scores; best first."""
         i, j = np.nonzero((met == ndimage.maximum_filter(met, size=3, mode="wrap")) & (met > self.least / 3))
@@ -130,37 +132,46 @@ class Correlator:
         shared = ndimage.map_coordinates(common, (shift / coarse_cell).T, order=1, mode="grid-wrap")
         keep = shared > self.least
         i, j, shift, shared = i[keep], j[keep], shift[keep], shared[keep]
-        trees = met[i, j]
+        trees = met[i, j].astype(np.float64)
         # The peaks that most trees meet at are what a wrong placement on the lattice looks like.
         decoys = np.argsort(-trees)[: max(60, len(trees) // 20)]
         share = trees / shared
         z_met = (share - np.median(share[decoys]) if len(decoys) else share) * np.sqrt(shared)
-        z_crowns = crowns[i, j] / np.sqrt(np.maximum(trees, 1))
+        z_crowns = crowns[i, j].astype(np.float64) / np.sqrt(np.maximum(trees, 1))
         score = _signed_square(_unit(z_met, decoys, 0.2)) + _signed_square(_unit(z_crowns, decoys, 0.3))
         order = np.argsort(-score, kind="stable")
         return shift[order], trees[order], score[order]
 
 
-def _draw(position: FloatArray, values: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """Values (n,) at grid positions (n, 2), each shared among its four nearest cells; the grid wraps around."""
-    low = np.floor(position).astype(np.int64)
-    part = position - low
-    grid = np.zeros(shape[0] * shape[1])
-    for dx in (0, 1):
-        for dy in (0, 1):
-            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
-            cell = (low[:, 0] + dx) % shape[0] * shape[1] + (low[:, 1] + dy) % shape[1]
-            grid += np.bincount(cell, weights=values * share, minlength=len(grid))
-    return grid.reshape(shape)
+class _Brush:
+    """Draws values at fixed grid positions (n, 2), each shared among its four nearest cells; the grid wraps around."""
+
+    def __init__(self, position: FloatArray, shape: tuple[int, int]) -> None:
+        low = np.floor(position)
+        part = position - low
+        i, j = low.astype(np.int64).T
+        rows = [i % shape[0] * shape[1], (i + 1) % shape[0] * shape[1]]
+        columns = [j % shape[1], (j + 1) % shape[1]]
+        self.shape = shape
+        self.cells = np.concatenate([row + column for row in rows for column in columns])
+        x, y = part.T
+        self.shares = np.array([(1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y])
+
+    def draw(self, values: FloatArray) -> Map:
+        """The grid of these values, one for each position."""
+        shares = (self.shares * values).ravel()
+        grid = np.bincount(self.cells, shares, self.shape[0] * self.shape[1])
+        return np.asarray(grid, dtype=np.float32).reshape(self.shape)
 
 
-def _gaussian(shape: tuple[int, int], sigma: float) -> FloatArray:
+def _gaussian(shape: tuple[int, int], sigma: float) -> Map:
     """The transform of a Gaussian of height 1 and `sigma` cells, for `rfft2`."""
     x, y = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None]
-    return np.asarray(2 * np.pi * sigma**2 * np.exp(-2 * (np.pi * sigma) ** 2 * (x**2 + y**2)))
+    falling = [np.exp(-2 * (np.pi * sigma * f) ** 2) for f in (x, y)]
+    return np.asarray(2 * np.pi * sigma**2 * falling[0] * falling[1], dtype=np.float32)
 
 
-def _parabola(values: FloatArray, i: IntArray, j: IntArray, axis: int) -> FloatArray:
+def _parabola(values: Map, i: IntArray, j: IntArray, axis: int) -> FloatArray:
     """Where between the cells a local maximum lies, -0.5 to 0.5, along one axis."""
     step_i, step_j = (1, 0) if axis == 0 else (0, 1)
     rows, columns = values.shape

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -61,12 +62,22 @@ class Side:
     scores: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, features: FeatureSet, reach: float, names: Sequence[str], threads: int) -> Side:
-        """Prepare a survey: what is needed again for every placement."""
+    def of(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
+        """Prepare a survey: what is needed again for every placement, remembered as long as its features live."""
+        remembered = _SIDES.setdefault(features, {})
+        if (reach, names) not in remembered:
+            remembered[reach, names] = cls._prepared(features, reach, names, threads)
+        return remembered[reach, names]
+
+    @classmethod
+    def _prepared(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
         values = {"area": np.log(features.area), "confidence": features.confidence, **features.attributes}
         scores = {name: local_scores(features.xy, values[name], features.tree, threads) for name in names}
         edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)
         return cls(features, Footprint.of(features.xy, reach), np.searchsorted(edges, features.confidence), scores)
+
+
+_SIDES: WeakKeyDictionary[FeatureSet, dict[tuple[float, tuple[str, ...]], Side]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)

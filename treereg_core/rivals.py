@@ -18,9 +18,9 @@ NEIGHBOURS = 48
 FOREMOST = 12
 TURNS = 6
 SUITS = 0.6
-SAMPLE = 600
-DECOYS = 8
-DANGEROUS = 8
+SAMPLE = 500
+DECOYS = 4
+DANGEROUS = 6
 
 
 @dataclass(frozen=True, eq=False)

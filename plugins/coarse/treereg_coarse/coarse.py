@@ -15,11 +15,12 @@ from treereg_core.pair import Pair
 from treereg_core.prior import log_prior
 from treereg_core.rotation import rotations
 from treereg_core.screening import screen
-from treereg_core.transform import Affine, Model, Rigid
+from treereg_core.transform import Affine, Rigid
 
 CLEAR = 60.0
 CLOSE = 0.25
 FEW = 30
+REFINED_ON = 3000
 ON_LATTICE = 0.9
 PER_MAP = 40
 SCREENED = 640
@@ -99,11 +100,16 @@ class Coarse(CoarseAligner):
 
     def _ranked(self, pair: Pair, evidence: Evidence, candidates: list[_Candidate], context: Context) -> list[Affine]:
         """Distinct placements after refinement, by the evidence of single trees."""
+        n = len(evidence.source.features)
+        sample = np.sort(context.rng("coarse", "refinement").choice(n, min(n, REFINED_ON), replace=False))
+        screened = screen(evidence, tuple(c.transform for c in candidates), sample, rounds=3)
         matches: list[Match] = []
-        for candidate in candidates:
-            transform = evidence.refine(candidate.transform, Model.RIGID)
+        for k in np.argsort(-screened.score, kind="stable"):
+            transform = screened.transforms[k]
             if all(evidence.apart(transform, m.transform) > evidence.gate for m in matches):
                 matches.append(evidence.match(transform))
+            if len(matches) == 2 * self.proposals:
+                break
         if len(matches) < 2:
             return [m.transform for m in matches]
         statistics = [evidence.statistics(m) for m in matches]

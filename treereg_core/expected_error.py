@@ -69,6 +69,8 @@ def expected_error(covariance: FloatArray, spread: FloatArray, bias: float = 0.0
     """
     product = covariance @ spread
     mean, square = float(np.trace(product)), float(np.trace(product @ product))
+    if not mean > 0:  # exact copies
+        return ExpectedError(bias, (bias, bias))
     shape = mean**2 / (2 * square)
     low, high = (float(np.sqrt(gammaincinv(shape, q) * mean / shape + bias**2)) for q in (0.025, 0.975))
     return ExpectedError(float(np.sqrt(mean + bias**2)), (low, high))

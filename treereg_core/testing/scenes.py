@@ -7,6 +7,7 @@ gives two surveys without any noise; `lattices` and `degenerate` hold what nobod
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from types import MappingProxyType
 
@@ -43,8 +44,18 @@ SCENES: Mapping[str, Scene] = MappingProxyType(
 
 @cache
 def scene(name: str, seed: int = 0) -> Simulation:
-    """The simulation of one of `SCENES`."""
-    return simulate(SCENES[name], seed)
+    """The simulation of one of `SCENES`; its surveys are shared, and cannot be changed by any trick of numpy's."""
+    simulation = simulate(SCENES[name], seed)
+    return replace(simulation, reference=_cast(simulation.reference), source=_cast(simulation.source))
+
+
+def _cast(features: FeatureSet) -> FeatureSet:
+    """The same trees in arrays over immutable memory: `setflags(write=True)` is refused."""
+    names = ("ids", "xy", "confidence", "area", "weight")
+    arrays = {name: getattr(features, name) for name in names}
+    return features.replace(
+        **{name: np.frombuffer(a.tobytes(), a.dtype).reshape(a.shape) for name, a in arrays.items()}
+    )
 
 
 def ordinary(seed: int = 0) -> Simulation:
@@ -131,7 +142,6 @@ def _rows(simulation: Simulation, features: FeatureSet, trees: IntArray) -> dict
     return {k: ids for k, ids in found.items() if len(ids) > 1}
 
 
-@cache
 def lattices() -> Mapping[str, Pair]:
     """Pairs that many placements explain equally well: what is periodic must be called ambiguous."""
     square = _lattice(24, 24, 4.0, 4.0)
@@ -149,7 +159,6 @@ def _lattice(rows: int, trees: int, row_spacing: float, spacing: float) -> Featu
     return FeatureSet.of(np.column_stack([x.ravel(), y.ravel()]), area=np.full(x.size, 5.0))
 
 
-@cache
 def degenerate() -> Mapping[str, Pair]:
     """Pairs of surveys with too few trees, or none that stand apart, to say where one lies on the other."""
     many = ordinary().reference

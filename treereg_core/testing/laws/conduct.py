@@ -47,7 +47,7 @@ def another_process_changes_nothing(method: Method) -> None:
 @law
 def inputs_are_untouched(method: Method) -> None:
     """Neither the pair nor the method's own settings are changed."""
-    pair = suited(method, ordinary())
+    pair = pickle.loads(pickle.dumps(suited(method, ordinary())))
     surveys, settings = plain(pair), method.model_dump_json()
     use(method, pair)
     require(plain(pair) == surveys, "the pair was changed")

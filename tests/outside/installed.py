@@ -1,0 +1,26 @@
+"""The outside plugin as an installed distribution: its metadata made from its own pyproject.toml."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+HOME = Path(__file__).parent
+
+
+def entry_points(folder: Path) -> list[metadata.EntryPoint]:
+    """Write the distribution's metadata into a folder, put the plugin on the import path, and read it back."""
+    if str(HOME) not in sys.path:
+        sys.path.append(str(HOME))
+    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    lines = (
+        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
+        for group, points in project["entry-points"].items()
+    )
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    return [point for found in metadata.distributions(path=[str(folder)]) for point in found.entry_points]

@@ -2,7 +2,7 @@
 
     python -m benchmarks.calibration ordinary.csv hard.csv identity.csv
 
-Reads what `benchmarks.accuracy --out` wrote. A trial with the verdict `failed` claims no placement and is left out.
+Reads what `benchmarks.accuracy --out` wrote. A trial with the verdict `failed` claims no placement: it is counted apart.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ def main() -> int:
     placed = [trial for trial in trials if trial.verdict in ("accepted", "ambiguous")]
     print("Failure probability, predicted and observed\n")
     print(reliability(placed))
+    print(f"\n{len(trials) - len(placed)} of {len(trials)} trials claim no placement.")
     print("\nAccepted and wrong\n")
     print(silence(trials))
     print("\nThe 95 % interval of the expected error, among right placements\n")

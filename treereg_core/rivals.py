@@ -45,6 +45,7 @@ def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...
             if turn == 0 and not half_turn:
                 near = _nearest(peaks, transform, evidence)
             far += [peaks.transform(k) for k in peaks.foremost(FOREMOST)]
+    near += _around(transform, evidence)[: max(DECOYS - len(near), 0)]
     n = len(evidence.source.features)
     sample = np.sort(context.rng("judge", "sample").choice(n, min(SAMPLE, n), replace=False))
     everything = screen(evidence, tuple(near + far), sample)
@@ -53,7 +54,7 @@ def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...
     dangerous = [evidence.match(place[k]) for k in distinct[:DANGEROUS]]
     decoys = [evidence.match(place[k]) for k in range(min(len(near), DECOYS))]
     decoys = [m for m in decoys if evidence.apart(m.transform, transform) > evidence.gate]
-    return Rivals(tuple(dangerous), tuple(decoys or dangerous))
+    return Rivals(tuple(dangerous), tuple(decoys))
 
 
 def _turns(evidence: Evidence, transform: Affine, context: Context) -> list[float]:
@@ -72,6 +73,13 @@ def _nearest(peaks: Peaks, transform: Affine, evidence: Evidence) -> list[Affine
     away = np.hypot(*(peaks.shift - transform.shift).T)
     near = np.flatnonzero((away > evidence.gate) & (away < NEAR * evidence.spacing))
     return [peaks.transform(int(k)) for k in near[np.argsort(-peaks.met[near], kind="stable")][:NEIGHBOURS]]
+
+
+def _around(transform: Affine, evidence: Evidence) -> list[Affine]:
+    """Placements a few spacings away on all sides: decoys where there is no lattice."""
+    angles = np.arange(8) * (np.pi / 4)
+    steps = 4 * evidence.spacing * np.column_stack([np.cos(angles), np.sin(angles)])
+    return [type(transform)(transform.linear, transform.shift + step) for step in steps]
 
 
 def _distinct(evidence: Evidence, transform: Affine, place: list[Affine], score: np.ndarray) -> list[int]:

@@ -82,8 +82,9 @@ class Coarse(CoarseAligner):
             found.sort(key=lambda c: -c.score)
             if len(found) > 1 and found[0].score > CLEAR and found[1].score < CLOSE * found[0].score:
                 break
-        clear = bool(found) and sum(c.score > CLOSE * found[0].score for c in found) <= self.refined
-        return found[: self.refined] if clear else self._screened(evidence, found, context)
+        if sum(c.score > CLOSE * found[0].score for c in found) <= self.refined:
+            return found[: self.refined]
+        return self._screened(evidence, found, context)
 
     def _screened(self, evidence: Evidence, found: list[_Candidate], context: Context) -> list[_Candidate]:
         """Successive halving: many placements on few trees, then fewer on more."""

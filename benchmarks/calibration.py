@@ -2,7 +2,7 @@
 
     python -m benchmarks.calibration ordinary.csv hard.csv identity.csv
 
-Reads what `benchmarks.accuracy --out` wrote. A trial with the verdict `failed` claims no placement: it is counted apart.
+Reads what `benchmarks.accuracy --out` wrote. A trial with the verdict `failed` claims no placement and counts apart.
 """
 
 from __future__ import annotations

@@ -1,8 +1,15 @@
-"""Profiles of hypothesis: no deadlines, as the machine may be busy; in CI the same examples every time."""
+"""What holds for all tests: the outside plugin can be imported, and hypothesis has no deadlines.
+
+In CI hypothesis tries the same examples every time.
+"""
 
 import os
+import sys
+from pathlib import Path
 
 from hypothesis import settings
+
+sys.path.append(str(Path(__file__).parent / "outside"))
 
 settings.register_profile("ci", derandomize=True, deadline=None)
 settings.register_profile("here", deadline=None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -11,9 +10,7 @@ HOME = Path(__file__).parent
 
 
 def entry_points(folder: Path) -> list[metadata.EntryPoint]:
-    """Write the distribution's metadata into a folder, put the plugin on the import path, and read it back."""
-    if str(HOME) not in sys.path:
-        sys.path.append(str(HOME))
+    """Write the distribution's metadata into a folder and read it back; the plugin is on the path (conftest.py)."""
     project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
     info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     info.mkdir()

@@ -18,7 +18,7 @@ from treereg_core.method import CoarseAligner, Context, Method, PointMatcher, Re
 from treereg_core.pair import Pair, Rows
 from treereg_core.registry import installed
 from treereg_core.rows import NearestRows
-from treereg_core.transform import Affine, Rigid
+from treereg_core.transform import Affine, Model, Rigid
 
 CALLS = count()
 
@@ -270,6 +270,16 @@ class Sampling(Mutual):
         return super().register(pair.narrow(pair.reference, pair.source.take(pair.source.ids % 12 == 0)), context)
 
 
+class FirstTrees(Mutual):
+    def register(self, pair: Pair, context: Context) -> Registration:
+        return super().register(pair.narrow(pair.reference, pair.source.take(np.arange(400))), context)
+
+
+class AlwaysRigid(Mutual):
+    def register(self, pair: Pair, context: Context) -> Registration:
+        return super().register(pair, replace(context, model=Model.RIGID))
+
+
 class Misreporting(Mutual):
     def register(self, pair: Pair, context: Context) -> Registration:
         found = super().register(pair, context)
@@ -358,6 +368,9 @@ HONEST_JUDGE: tuple[tuple[str, str, Method, str], ...] = (
     ("wholes", "a_copy_is_found_anywhere", Slipping(), "a copy turned by"),
     ("wholes", "the_sources_frame_does_not_matter", Rounding(), "from a moved source"),
     ("wholes", "swapped_surveys_are_placed_inversely", SlippingFar(), "swapped"),
+    ("wholes", "every_model_is_fitted_all_the_way", AlwaysRigid(), "similarity was asked for and Rigid"),
+    ("wholes", "threads_change_no_word_of_the_judge", ThreadBound(), "1 and 2 threads"),
+    ("wholes", "order_of_trees_changes_no_verdict", FirstTrees(), "in another order"),
     ("evaluators", "figures_are_numbers_or_none", Infinite(), "error_m is inf"),
     ("evaluators", "figures_are_numbers_or_none", Fickle(), "names of the figures"),
 )

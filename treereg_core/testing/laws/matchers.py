@@ -103,8 +103,8 @@ def trees_of_no_weight_count_for_nothing(method: PointMatcher) -> None:
     simulation = ordinary()
     pair = near(simulation)
     wrong = np.arange(len(pair.source)) % 4 == 0
-    off = simulation.truth.linear.T @ [pair.reference.spacing / 4, 0.0]  # type: ignore[union-attr]
-    source = pair.source.replace(xy=pair.source.xy + wrong[:, None] * off, weight=np.where(wrong, 0.0, 1.0))
+    off = pair.reference.spacing / 4 * np.column_stack([wrong, np.zeros(len(wrong))])
+    source = pair.source.replace(xy=pair.source.xy + off, weight=np.where(wrong, 0.0, 1.0))
     error = simulation.error(placed(use(method, Pair(pair.reference, source, pair.reference_from_source))))
     # A fit that follows is off by a quarter of a quarter of the spacing; one that does not has 3/4 of the pairs.
     most = 3 * expected_fit_error(simulation.scene.jitter, 0.75 * len(simulation.true_pairs()))

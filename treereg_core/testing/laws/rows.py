@@ -79,10 +79,10 @@ def rows_turn_with_the_orchard(method: RowDetector) -> None:
 @law
 def a_row_is_matched_once(method: RowMatcher) -> None:
     """No row of either survey stands in two matches, and every match is of rows that are there."""
-    pair = suited(method, ordinary())
+    pair, given = suited(method, ordinary()), true_rows(ordinary())
     for matched in use(method, pair):
         require(matched.rows is not None and len(matched.rows.matches), "no rows are matched")
-        for column, rows in zip(matched.rows.matches.T, (pair.rows.reference, pair.rows.source), strict=True):  # type: ignore[union-attr]
+        for column, rows in zip(matched.rows.matches.T, (given.reference, given.source), strict=True):
             require(len(np.unique(column)) == len(column), "a row is matched twice")
             require(((column >= 0) & (column < len(rows))).all(), "a match is of a row that is not there")
 
@@ -107,7 +107,7 @@ def true_rows_are_matched_right(method: RowMatcher) -> None:
     matches = [(ours[min(a)], theirs[min(b)]) for a, b in seen(result).matches]
     right = sum(a == b for a, b in matches)
     require(right >= 0.95 * len(matches), f"{len(matches) - right} of {len(matches)} matches are wrong")
-    rows = min(len(pair.rows.reference), len(pair.rows.source))  # type: ignore[union-attr]
+    rows = min(len(true_rows(simulation).reference), len(true_rows(simulation).source))
     require(right >= 0.8 * rows, f"only {right} of {rows} rows are matched")
     error = simulation.error(placed(result))
     require(error <= pair.reference.spacing / 4, f"the placement by rows is {error:.2f} m off")
@@ -125,11 +125,9 @@ def copied_rows_come_back(method: RowMatcher) -> None:
 def the_order_and_sense_of_rows_are_irrelevant(method: RowMatcher) -> None:
     """Rows in another order, each run through from its other end, are matched the same."""
     pair, _ = copied_rows()
-    assert pair.rows is not None
-    turned = Rows(tuple(row[::-1] for row in reversed(pair.rows.source.trees)))
-    before, after = (
-        seen(use(method, replace(pair, rows=replace(pair.rows, source=rows)))) for rows in (pair.rows.source, turned)
-    )
+    rows = true_rows(ordinary()).reference
+    turned = MatchedRows(rows, Rows(tuple(row[::-1] for row in reversed(rows.trees))), NO_MATCHES)
+    before, after = (seen(use(method, p)) for p in (pair, replace(pair, rows=turned)))
     require(before.matches == after.matches, "other rows are matched")
 
 

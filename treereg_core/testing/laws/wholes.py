@@ -11,7 +11,7 @@ from treereg_core.errors import NoRegistration, TreeregError
 from treereg_core.features import FeatureSet
 from treereg_core.judge import Judge
 from treereg_core.judgement import Judgement, Verdict
-from treereg_core.method import CoarseAligner, PointMatcher
+from treereg_core.method import CoarseAligner, Context, PointMatcher
 from treereg_core.options import defaults
 from treereg_core.pair import Pair
 from treereg_core.pipeline import Pipeline
@@ -19,8 +19,8 @@ from treereg_core.plan import aligner_named
 from treereg_core.registry import installed
 from treereg_core.simulate import Simulation
 from treereg_core.testing.law import LawSkipped, law, require
-from treereg_core.testing.scenes import SCENES, copies, degenerate, lattices, line, moved, ordinary, scene
-from treereg_core.testing.using import CONTEXT, MILLIMETRE, require_near
+from treereg_core.testing.scenes import SCENES, copies, degenerate, lattices, line, moved, ordinary, scene, shuffled
+from treereg_core.testing.using import CONTEXT, MILLIMETRE, plain, require_near
 from treereg_core.transform import Affine, Rigid
 
 MAX_FAILURE = 0.001
@@ -75,6 +75,35 @@ def swapped_surveys_are_placed_inversely(method: PointMatcher) -> None:
 
 
 @law
+def every_model_is_fitted_all_the_way(method: PointMatcher) -> None:
+    """Whichever transform is asked for, of those that all stages can work with, is what is accepted, and right."""
+    simulation = ordinary()
+    stages = pipeline_of(method).stages
+    for model in sorted(frozenset.intersection(*(s.models for s in stages)), key=lambda m: m.parameters):
+        context = Context(model=model)
+        placement = accepted(judged(method, simulation.reference, simulation.source, context))
+        require(type(placement) is model.kind, f"{model.value} was asked for and {type(placement).__name__} accepted")
+        require_right(placement, simulation, model.value)
+
+
+@law
+def threads_change_no_word_of_the_judge(method: PointMatcher) -> None:
+    """One thread and two give the same judgement, bit by bit."""
+    survey = ordinary()
+    one, two = (plain(judged(method, survey.reference, survey.source, Context(threads=threads))) for threads in (1, 2))
+    require(one == two, "judgements with 1 and 2 threads differ")
+
+
+@law
+def order_of_trees_changes_no_verdict(method: PointMatcher) -> None:
+    """Trees in another order, with their ids, are accepted at the same place."""
+    pair = Pair(ordinary().reference, ordinary().source)
+    mixed = shuffled(pair)
+    before, after = (accepted(judged(method, p.reference, p.source)) for p in (pair, mixed))
+    require_near(after, before, pair.source.xy, MILLIMETRE, "with the trees in another order")
+
+
+@law
 def hard_scenes_are_right_or_not_accepted(method: PointMatcher) -> None:
     """Noise, outliers, half overlap, few trees, another orchard: nothing wrong is ever accepted."""
     for name in SCENES:
@@ -114,21 +143,25 @@ def too_few_trees_are_never_accepted(method: PointMatcher) -> None:
     require(verdict is not Verdict.ACCEPTED, "trees evenly on a line were accepted")
 
 
-def judged(method: PointMatcher, reference: FeatureSet, source: FeatureSet) -> Judgement:
+def judged(method: PointMatcher, reference: FeatureSet, source: FeatureSet, context: Context = CONTEXT) -> Judgement:
     """The judge's word on a method from the default start."""
     pair = Pair(reference, source)
     try:
-        starts: Sequence[Pair] = default_aligner().propose(pair, CONTEXT)
+        starts: Sequence[Pair] = default_aligner().propose(pair, context)
     except NoRegistration:
         starts = ()
-    return judged_from(method, pair, starts)
+    return judged_from(method, pair, starts, context)
 
 
-def judged_from(method: PointMatcher, pair: Pair, starts: Sequence[Pair]) -> Judgement:
+def judged_from(method: PointMatcher, pair: Pair, starts: Sequence[Pair], context: Context = CONTEXT) -> Judgement:
     """The judge's word on a method from these starts."""
-    pipeline = method if isinstance(method, Pipeline) else Pipeline.of([method])
-    candidates = pipeline.registrations(starts, CONTEXT)
-    return Judge().judge(pair, candidates, CONTEXT, MAX_FAILURE)
+    candidates = pipeline_of(method).registrations(starts, context)
+    return Judge().judge(pair, candidates, context, MAX_FAILURE)
+
+
+def pipeline_of(method: PointMatcher) -> Pipeline:
+    """The method as a whole expression: itself when it is one."""
+    return method if isinstance(method, Pipeline) else Pipeline.of([method])
 
 
 @cache

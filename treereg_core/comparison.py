@@ -13,6 +13,7 @@ from treereg_core.transform import FloatArray
 TREES_PER_BLOCK = 50
 FEWEST_BLOCKS, MOST_BLOCKS = 4, 36
 TREES_KNOW = 10
+MANY_BLOCKS = 16
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,10 @@ def _standard_error(gain: FloatArray, where: FloatArray) -> float:
     sums = np.bincount(_blocks(where, int(np.clip(n / TREES_PER_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))), gain)
     of_blocks, of_trees = len(sums) * sums.var(ddof=1), n * gain.var(ddof=1)
     known = len(sums) - 1
-    return float(np.sqrt((known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)))
+    variance = (known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)
+    if len(sums) >= MANY_BLOCKS:
+        variance = max(variance, of_blocks)
+    return float(np.sqrt(variance))
 
 
 def _blocks(where: FloatArray, count: int) -> IntArray:

@@ -15,12 +15,24 @@ from treereg_core.transform import Affine, FloatArray
 Map = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
-CELL = 1 / 3
-KERNEL = 0.25
-COARSER = 4
+COARSE_CELL = 4 / 3
 WORTH_THREADS = 1_000_000
 LEAST_COMMON = 0.04
 LEAST_TREES = 8.0
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How finely surveys are drawn, in tree spacings: the cells, and the radius within which two trees meet."""
+
+    cell: float
+    kernel: float
+
+
+ROUGH = Grid(1 / 3, 0.25)
+"""Forgives noise and some error in the rotation."""
+FINE = Grid(1 / 5, 0.15)
+"""Tells placements apart by the small errors of planting, where trees were found precisely."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +62,22 @@ class Peaks:
 
 
 class Correlator:
-    """Correlates two surveys under any linear map; the reference's half of the work is done once per grid.
+    """Correlates two surveys under any linear map.
 
-    Density and crown size (the evidence's scores) are drawn on a grid of a third of the tree spacing; on coarser grids
-    neighbouring peaks merge. The half turn comes with every map at the price of two inverse transforms. Phase-free
-    cross-correlation as in Reddy & Chatterji 1996, doi:10.1109/83.506761, on points instead of pixels.
+    Density and crown size (the evidence's scores) are drawn on a grid of a third of the tree spacing or less; on
+    coarser grids neighbouring peaks merge. The half turn comes with every map at the price of two inverse transforms.
+    Cross-correlation as in Reddy & Chatterji 1996, doi:10.1109/83.506761, on points instead of pixels.
     """
 
-    def __init__(self, evidence: Evidence) -> None:
+    def __init__(self, evidence: Evidence, grid: Grid = ROUGH) -> None:
         self.reference, self.source = evidence.reference, evidence.source
         self.spacing, self.threads = evidence.spacing, evidence.threads
-        self.cell = CELL * evidence.spacing
+        self.cell, self.kernel = grid.cell * evidence.spacing, grid.kernel * evidence.spacing
         sides = (self.reference, self.source)
         self.weights = [
             np.clip(side.features.confidence / max(float(side.features.confidence.mean()), 1e-9), 0.3, 1.5)
             for side in sides
         ]
-        densities = [w.sum() / max(s.footprint.area, 1e-9) for w, s in zip(self.weights, sides, strict=True)]
-        self.density = float(np.sqrt(densities[0] * densities[1]))
         self.least = max(LEAST_TREES, LEAST_COMMON * min(float(w.sum()) for w in self.weights))
 
     def at(self, template: Affine) -> tuple[Peaks, Peaks]:
@@ -78,7 +88,7 @@ class Correlator:
         size = np.ptp(reference.features.xy, axis=0) + np.ptp(moved, axis=0) + 4 * self.cell
         shape = self._shape(size, self.cell)
         workers = self.threads if shape[0] * shape[1] > WORTH_THREADS else 1
-        blur = _gaussian(shape, KERNEL * self.spacing / self.cell)
+        blur = _gaussian(shape, self.kernel / self.cell)
 
         def spectra(side: Side, weights: FloatArray, points: FloatArray) -> list[Spectrum]:
             brush = _Brush(points / self.cell, shape)
@@ -88,10 +98,10 @@ class Correlator:
         fixed = [blur * m for m in spectra(reference, self.weights[0], reference.features.xy - fixed_low)]
         moving = spectra(source, self.weights[1], moved - moved_low)
 
-        coarse_cell = COARSER * self.cell
+        coarse_cell = COARSE_CELL * self.spacing
         coarse_shape = self._shape(size + 2 * coarse_cell, coarse_cell)
-        mask = self._mask(reference, np.eye(2), fixed_low, coarse_cell, coarse_shape)
-        moving_mask = self._mask(source, template.linear, moved_low, coarse_cell, coarse_shape)
+        everywhere, trees = self._coverage(0, np.eye(2), fixed_low, coarse_cell, coarse_shape)
+        moving_everywhere, moving_trees = self._coverage(1, template.linear, moved_low, coarse_cell, coarse_shape)
 
         peaks = []
         # Indices count f - m for the map itself, which wraps below 0, and f + m for the half turn, which does not.
@@ -102,10 +112,14 @@ class Correlator:
                 return np.asarray(fft.irfft2(a * (np.conj(b) if sign > 0 else b), s=s, workers=workers))
 
             maps = correlate(fixed[0], moving[0], shape), correlate(fixed[1], moving[1], shape)
-            common = correlate(mask, moving_mask, coarse_shape) * (coarse_cell**2 * self.density)
-            shift, trees, score = self._peaks(*maps, common, coarse_cell, limit)
+            covered = (
+                correlate(trees, moving_everywhere, coarse_shape),
+                correlate(everywhere, moving_trees, coarse_shape),
+            )
+            common = np.sqrt(np.maximum(covered[0], 0) * np.maximum(covered[1], 0))
+            shift, met, score = self._peaks(*maps, common, coarse_cell, limit)
             turned = type(template)(sign * template.linear, template.shift)
-            peaks.append(Peaks(turned, shift + fixed_low - corner, trees, score))
+            peaks.append(Peaks(turned, shift + fixed_low - corner, met, score))
         return peaks[0], peaks[1]
 
     @staticmethod
@@ -113,13 +127,16 @@ class Correlator:
         x, y = (fft.next_fast_len(int(np.ceil(s / cell)) + 1, real=True) for s in size)
         return x, y
 
-    def _mask(
-        self, side: Side, linear: FloatArray, corner: FloatArray, cell: float, shape: tuple[int, int]
-    ) -> Spectrum:
-        footprint = side.footprint
-        points = footprint.points @ linear.T - corner
-        values = np.full(len(points), (footprint.cell / cell) ** 2)
-        return np.asarray(fft.rfft2(_Brush(points / cell, shape).draw(values)))
+    def _coverage(
+        self, side: int, linear: FloatArray, corner: FloatArray, cell: float, shape: tuple[int, int]
+    ) -> tuple[Spectrum, Spectrum]:
+        """Spectra of a survey's footprint (1 inside, 0 outside) and of its trees."""
+        survey = (self.reference, self.source)[side]
+        ground = survey.footprint.points @ linear.T - corner
+        share = np.full(len(ground), (survey.footprint.cell / cell) ** 2)
+        trees = survey.features.xy @ linear.T - corner
+        inside = fft.rfft2(_Brush(ground / cell, shape).draw(share))
+        return np.asarray(inside), np.asarray(fft.rfft2(_Brush(trees / cell, shape).draw(self.weights[side])))
 
     def _peaks(
         self, met: Map, crowns: Map, common: Map, coarse_cell: float, limit: FloatArray

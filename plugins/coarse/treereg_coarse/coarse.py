@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from treereg_core.correlation import Correlator
+from treereg_core.correlation import FINE, ROUGH, Correlator
 from treereg_core.errors import NoRegistration
 from treereg_core.evidence import Evidence, Match, mean_statistics
 from treereg_core.method import CoarseAligner, Context
@@ -71,10 +71,10 @@ class Coarse(CoarseAligner):
         angles, _ = rotations(
             pair.reference, pair.source, evidence.spacing, context.rng("coarse", "directions"), self.rotations
         )
-        correlator = Correlator(evidence)
         found: list[_Candidate] = []
-        for angle in angles:
-            for peaks in correlator.at(Rigid.turn(float(angle))):
+        # The last look is the first again on a finer grid.
+        for angle, grid in [*((a, ROUGH) for a in angles), *((a, FINE) for a in angles[:1])]:
+            for peaks in Correlator(evidence, grid).at(Rigid.turn(float(angle))):
                 for k in peaks.foremost(PER_MAP):
                     transform = peaks.transform(k)
                     prior = 2 * log_prior(transform, pair.source, context.georeference_sd)

@@ -23,6 +23,8 @@ SLOPE, OFFSET = 0.56, 1.84
 MOST_CERTAIN = 1e-12
 CHOICE = 30.0
 SMALL_OVERLAP = 0.2
+STANDING = 10.0
+PERIODIC = 0.95
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
 
@@ -37,13 +39,18 @@ class _Case:
     opponents: tuple[tuple[Affine, Comparison], ...]
 
     @property
-    def margin(self) -> float:
-        """By how much it beats decoys and its most dangerous rival, less what a small overlap owes to choice.
+    def stands(self) -> float:
+        """By how much it beats decoys, less what a small overlap owes to choice.
 
         The smaller the overlap, the more placements there are, and with few trees one of them looks good by chance.
         """
         seen = np.concatenate([self.match.covered_reference, self.match.covered_source]).mean()
-        owed = CHOICE * max(0.0, 1 - float(seen) / SMALL_OVERLAP)
+        return self.alone.margin - CHOICE * max(0.0, 1 - float(seen) / SMALL_OVERLAP)
+
+    @property
+    def margin(self) -> float:
+        """By how much it beats decoys and its most dangerous rival."""
+        owed = self.alone.margin - self.stands
         return min(self.alone.margin, *(c.margin for _, c in self.opponents)) - owed
 
 
@@ -128,17 +135,13 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
 
 
 def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, str]:
-    rate = case.match.rate
-    share = f"{rate:.0%} of the trees that both surveys cover have a partner"
+    share = f"{case.match.rate:.0%} of the trees that both surveys cover have a partner"
     if failure <= max_failure:
-        return (
-            Verdict.ACCEPTED,
-            f"{share}, and no other placement comes near: the best rival is {_odds(case)} less likely.",
-        )
-    if rate < 0.95 and case.alone.log_odds < 15:
+        return Verdict.ACCEPTED, f"{share}, and {_next_best(case)}."
+    if case.stands < STANDING and case.match.rate < PERIODIC:
         return Verdict.FAILED, (
-            f"No placement explains the trees: at the best one {share}, no more than at wrong ones. The surveys may "
-            "show different orchards, or too little of the same one."
+            f"No placement explains the trees: at the best one {share}, no better than by chance. The surveys may show "
+            "different orchards, or too little of the same one."
         )
     return Verdict.AMBIGUOUS, (
         f"{share}, but another placement explains the trees about as well: the chance that this one is wrong is "
@@ -147,8 +150,11 @@ def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, 
     )
 
 
-def _odds(case: _Case) -> str:
-    return f"e^{case.opponents[0][1].log_odds:.0f} times" if case.opponents else "far"
+def _next_best(case: _Case) -> str:
+    if not case.opponents:
+        return "no other placement comes near"
+    times = math.exp(min(case.opponents[0][1].log_odds, math.log(1e6)))
+    return f"the next best placement is {'over a million' if times >= 1e6 else f'{times:,.0f}'} times less likely"
 
 
 def _expected_error(evidence: Evidence, case: _Case, pair: Pair, context: Context) -> ExpectedError | None:

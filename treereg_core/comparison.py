@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,7 +73,9 @@ def _sum(evidence: Evidence, match: Match, gains: list[FloatArray], counted: lis
 def _standard_error(gain: FloatArray, where: FloatArray) -> float:
     """Of the sum of gains (n,) at places (n, 2): from sums over blocks, which feel what neighbours have in common.
 
-    A few blocks know their own spread badly, so the trees' own variance counts like `TREES_KNOW` blocks more.
+    A few blocks know their own spread badly, so the trees' own variance counts like `TREES_KNOW` blocks more. Many
+    blocks that differ by more than their trees' noise may tell of maps that are bent against each other, where a part
+    of the field speaks for another placement: the error then grows beyond that of the blocks.
     """
     n = len(gain)
     if n < 2 * FEWEST_BLOCKS:
@@ -81,9 +84,9 @@ def _standard_error(gain: FloatArray, where: FloatArray) -> float:
     of_blocks, of_trees = len(sums) * sums.var(ddof=1), n * gain.var(ddof=1)
     known = len(sums) - 1
     variance = (known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)
-    if len(sums) >= MANY_BLOCKS:
-        variance = max(variance, of_blocks)
-    return float(np.sqrt(variance))
+    if len(sums) >= MANY_BLOCKS and of_blocks > of_trees:
+        variance = of_blocks * math.sqrt(of_blocks / of_trees)
+    return math.sqrt(variance)
 
 
 def _blocks(where: FloatArray, count: int) -> IntArray:

@@ -129,7 +129,7 @@ class Statistics:
             better(self.rate_reference, decoy.rate_reference),
             better(self.rate_source, decoy.rate_source),
             min(trust * self.variance + (1 - trust) * decoy.variance, decoy.variance),
-            {name: min(max(r - chance, 0.0), 0.9) for name, r in self.correlation.items()},
+            {k: min(max(r - chance, decoy.correlation[k], 0.0), 0.9) for k, r in self.correlation.items()},
             self.pairs,
         )
 
@@ -249,11 +249,14 @@ class Evidence:
         pair = np.log(decoy.variance / right.variance) - square / 2 * (1 / right.variance - 1 / decoy.variance)
         pair = np.clip(pair, -3, 3)
         for name in self.names:
-            r = right.correlation[name]
-            if r > 0:
-                u = self.reference.scores[name][match.reference]
-                v = self.source.scores[name][match.source]
-                pair = pair - np.log(1 - r * r) / 2 - (r * r * (u * u + v * v) - 2 * r * u * v) / (2 * (1 - r * r))
+            u = self.reference.scores[name][match.reference]
+            v = self.source.scores[name][match.source]
+            pair = pair + _together(u, v, right.correlation[name]) - _together(u, v, max(decoy.correlation[name], 0))
         both = match.covered_reference[match.reference] & match.covered_source[match.source]
         np.add.at(of_source, match.source[both], pair[both])
         return of_reference, of_source
+
+
+def _together(u: FloatArray, v: FloatArray, r: float) -> FloatArray:
+    """Log of the density of pairs of normal scores with correlation r over that of unrelated ones."""
+    return np.asarray((2 * r * u * v - r * r * (u * u + v * v)) / (2 * (1 - r * r)) - math.log(1 - r * r) / 2)

@@ -24,6 +24,7 @@ from treereg_core.transform import Affine, FloatArray, Model
 NEIGHBOURS = 24
 CLASSES = 3
 CHANCE_PAIRS = 20
+SURE = 0.9
 
 
 def second_moments(xy: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -129,7 +130,7 @@ class Statistics:
             better(self.rate_reference, decoy.rate_reference),
             better(self.rate_source, decoy.rate_source),
             min(trust * self.variance + (1 - trust) * decoy.variance, decoy.variance),
-            {k: min(max(r - chance, decoy.correlation[k], 0.0), 0.9) for k, r in self.correlation.items()},
+            {k: max(r - chance, decoy.correlation[k]) for k, r in self.correlation.items()},
             self.pairs,
         )
 
@@ -251,12 +252,13 @@ class Evidence:
         for name in self.names:
             u = self.reference.scores[name][match.reference]
             v = self.source.scores[name][match.source]
-            pair = pair + _together(u, v, right.correlation[name]) - _together(u, v, max(decoy.correlation[name], 0))
+            pair = pair + _together(u, v, right.correlation[name]) - _together(u, v, decoy.correlation[name])
         both = match.covered_reference[match.reference] & match.covered_source[match.source]
         np.add.at(of_source, match.source[both], pair[both])
         return of_reference, of_source
 
 
 def _together(u: FloatArray, v: FloatArray, r: float) -> FloatArray:
-    """Log of the density of pairs of normal scores with correlation r over that of unrelated ones."""
+    """Log of the density of pairs of normal scores with correlation r, held in 0 to 0.9, over that of unrelated ones."""
+    r = min(max(r, 0.0), SURE)
     return np.asarray((2 * r * u * v - r * r * (u * u + v * v)) / (2 * (1 - r * r)) - math.log(1 - r * r) / 2)

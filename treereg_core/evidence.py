@@ -259,6 +259,9 @@ class Evidence:
 
 
 def _together(u: FloatArray, v: FloatArray, r: float) -> FloatArray:
-    """Log of the density of pairs of normal scores with correlation r, held in 0 to 0.9, over that of unrelated ones."""
+    """Log of the density of pairs of normal scores with correlation r over that of unrelated ones.
+
+    r is held in 0 to 0.9.
+    """
     r = min(max(r, 0.0), SURE)
     return np.asarray((2 * r * u * v - r * r * (u * u + v * v)) / (2 * (1 - r * r)) - math.log(1 - r * r) / 2)

@@ -25,6 +25,7 @@ CHOICE = 30.0
 SMALL_OVERLAP = 0.2
 STANDING = 10.0
 PERIODIC = 0.95
+DECISIVE = 20.0
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
 
@@ -143,10 +144,12 @@ def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, 
             f"No placement explains the trees: at the best one {share}, no better than by chance. The surveys may show "
             "different orchards, or too little of the same one."
         )
+    doubt = "another placement explains the trees about as well"
+    if case.opponents and case.opponents[0][1].log_odds > DECISIVE:
+        doubt = "the parts of the field do not agree on it, as when one of the maps is bent or a part of it is hidden"
     return Verdict.AMBIGUOUS, (
-        f"{share}, but another placement explains the trees about as well: the chance that this one is wrong is "
-        f"{failure:.2g}, more than the {max_failure:g} allowed. Compare the rivals, or say how far the georeference "
-        "may be off (--georeference-sd)."
+        f"{share}, but {doubt}: the chance that this placement is wrong is {failure:.2g}, more than the "
+        f"{max_failure:g} allowed. Compare the rivals, or say how far the georeference may be off (--georeference-sd)."
     )
 
 

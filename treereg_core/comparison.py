@@ -11,9 +11,12 @@ from treereg_core.evidence import Evidence, Match, Statistics
 from treereg_core.features import BoolArray, IntArray
 from treereg_core.transform import FloatArray
 
+# The field is cut into about so many trees a block, within these numbers of blocks.
 TREES_PER_BLOCK = 50
 FEWEST_BLOCKS, MOST_BLOCKS = 4, 36
+# What the spread of single trees tells of the error of their sum, in blocks.
 TREES_KNOW = 10
+# So many blocks know their own spread well enough to say that they differ.
 MANY_BLOCKS = 16
 
 

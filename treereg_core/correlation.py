@@ -15,10 +15,13 @@ from treereg_core.transform import Affine, FloatArray
 Map = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
+# Cells of the maps of coverage, which vary slowly, in tree spacings.
 COARSE_CELL = 4 / 3
+# Cells from which threads gain more than they cost.
 WORTH_THREADS = 1_000_000
-LEAST_COMMON = 0.04
+# A shift must let so many trees, and this share of the smaller survey, meet.
 LEAST_TREES = 8.0
+LEAST_COMMON = 0.04
 
 
 @dataclass(frozen=True)

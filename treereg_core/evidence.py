@@ -21,9 +21,13 @@ from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
 from treereg_core.footprint import Footprint
 from treereg_core.transform import Affine, FloatArray, Model
 
+# The neighbourhood that a tree's crown is compared with.
 NEIGHBOURS = 24
+# Classes of confidence, equally many trees in each.
 CLASSES = 3
+# So many pairs of a placement count as much as what is known of decoys.
 CHANCE_PAIRS = 20
+# The largest correlation that is believed.
 SURE = 0.9
 
 

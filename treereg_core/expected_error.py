@@ -12,6 +12,7 @@ from treereg_core.judgement import ExpectedError
 from treereg_core.method import Registration
 from treereg_core.transform import FloatArray, Model
 
+# Residuals above this share of the tree spacing bring wrong pairs, and the variance grows at this rate.
 SURELY_PAIRED = 0.15
 MISPAIRED = 3.3
 

@@ -17,6 +17,7 @@ from treereg_core.transform import FloatArray
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+# Points from which threads gain more than they cost.
 WORTH_THREADS = 20_000
 
 

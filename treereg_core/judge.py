@@ -19,12 +19,17 @@ from treereg_core.prior import log_prior
 from treereg_core.rivals import find_rivals
 from treereg_core.transform import Affine, Rigid
 
+# Log-odds of a failure over the margin, fitted to simulated trials.
 SLOPE, OFFSET = 0.56, 1.84
-MOST_CERTAIN = 1e-12
-CHOICE = 30.0
+# The curve goes on, but no trials that were run could tell smaller probabilities apart.
+LEAST_CLAIMED = 1e-6
+# An overlap of less than this share of the trees owes up to CHOICE to having been chosen among many.
 SMALL_OVERLAP = 0.2
+CHOICE = 30.0
+# A placement that beats decoys by less does not explain the trees, unless nearly all of them meet, as on a lattice.
 STANDING = 10.0
 PERIODIC = 0.95
+# Against larger log-odds it is no rival that makes a placement doubtful.
 DECISIVE = 20.0
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
@@ -52,7 +57,7 @@ class _Case:
     def margin(self) -> float:
         """By how much it beats decoys and its most dangerous rival."""
         owed = self.alone.margin - self.stands
-        return min(self.alone.margin, *(c.margin for _, c in self.opponents)) - owed
+        return min([self.alone.margin, *(c.margin for _, c in self.opponents)]) - owed
 
 
 class Judge(BaseModel):
@@ -82,7 +87,7 @@ class Judge(BaseModel):
         case = _best(evidence, pair, candidates, context)
         if case is None:
             return _failed("No placement was found at which enough trees of the two surveys meet.", before)
-        failure = max(1 / (1 + math.exp(min(SLOPE * case.margin - OFFSET, 500))), MOST_CERTAIN)
+        failure = max(1 / (1 + math.exp(min(SLOPE * case.margin - OFFSET, 500))), LEAST_CLAIMED)
         verdict, reason = _verdict(case, failure, max_failure)
         if verdict is Verdict.FAILED:
             return _failed(reason, before)

@@ -11,16 +11,21 @@ from treereg_core.evidence import Evidence, Match
 from treereg_core.method import Context
 from treereg_core.rotation import rotations
 from treereg_core.screening import screen
-from treereg_core.transform import Affine, Rigid
+from treereg_core.transform import Affine, FloatArray, Rigid
 
+# Neighbouring positions: the NEIGHBOURS at which most trees meet, within NEAR tree spacings.
 NEAR = 12.0
 NEIGHBOURS = 48
+# So many of the best, and of the best visited, shifts of every turn.
 FOREMOST = 12
+# Of so many likely turns those whose fit is at least this share of the best one's.
 TURNS = 6
 SUITS = 0.6
+# So many source trees tell which rivals are dangerous; so many of these are compared over all trees.
 SAMPLE = 500
-DECOYS = 4
 DANGEROUS = 6
+# So many neighbours say what a decoy is like.
+DECOYS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +87,7 @@ def _around(transform: Affine, evidence: Evidence) -> list[Affine]:
     return [type(transform)(transform.linear, transform.shift + step) for step in steps]
 
 
-def _distinct(evidence: Evidence, transform: Affine, place: list[Affine], score: np.ndarray) -> list[int]:
+def _distinct(evidence: Evidence, transform: Affine, place: list[Affine], score: FloatArray) -> list[int]:
     """Positions of the placements that differ from the given one and from each other, best first."""
     chosen: list[int] = []
     for k in np.argsort(-score, kind="stable"):

@@ -17,13 +17,18 @@ from treereg_core.rotation import rotations
 from treereg_core.screening import screen
 from treereg_core.transform import Affine, Rigid
 
+# The search ends early when the best peak scores this much, and the next less than this share of it.
 CLEAR = 60.0
 CLOSE = 0.25
-FEW = 30
-REFINED_ON = 3000
-ON_LATTICE = 0.9
+# Peaks taken from each map by score, and as many by the number of trees that meet.
 PER_MAP = 40
+# Where no peak stands clear, so many placements are screened on a few trees.
 SCREENED = 640
+# Source trees on which the last few are refined.
+REFINED_ON = 3000
+# A decoy has at least so many pairs, and this share of the best match rate.
+FEW = 30
+ON_LATTICE = 0.9
 
 
 @dataclass(frozen=True)

@@ -84,8 +84,8 @@ def _typical(**settings: Any) -> Callable[[np.random.Generator], Scene]:
     return lambda rng: Scene(**{**_orchard(rng), **settings})
 
 
-def _small(trees: int) -> Callable[[np.random.Generator], Scene]:
-    return lambda rng: Scene(**{**_orchard(rng), "trees": trees, "holes": int(rng.integers(0, 2)), **_FAR})
+def _small(trees: int, **settings: Any) -> Callable[[np.random.Generator], Scene]:
+    return lambda rng: Scene(**{**_orchard(rng), "trees": trees, "holes": int(rng.integers(0, 2)), **settings})
 
 
 def _dense(rng: np.random.Generator) -> Scene:
@@ -144,7 +144,8 @@ _ALL = (
     Family("overlap_60", "ordinary", "60 % overlap", _typical(overlap=0.6, **_FAR)),
     Family("distortion_035", "ordinary", "a smooth distortion of 0.35 m", _typical(distortion=0.35, **_FAR)),
     Family("dense_8000", "ordinary", "8,000 trees at 3.5 x 1.5 m", _dense),
-    Family("small_150", "ordinary", "150 trees", _small(150)),
+    Family("small_150", "ordinary", "150 trees", _small(150, **_FAR)),
+    Family("small_150_near", "ordinary", "150 trees, shifts of 3 m sd", _small(150, shift_sd=3.0)),
     Family("square_any", "ordinary", "a square lattice turned any way", _square),
     Family(
         "heavy_noise",
@@ -181,7 +182,7 @@ _ALL = (
         "a bare rectangle, half overlap, areas that say nothing",
         _typical(**_BARE, gaps=0.03, overlap=0.5, area_persistence=0.0, **_FAR),
     ),
-    Family("small_60", "frontier", "60 trees", _small(60)),
+    Family("small_60", "frontier", "60 trees", _small(60, **_FAR)),
     Family("distortion_2", "frontier", "a smooth distortion of 2 m", _typical(distortion=2.0, **_FAR)),
     Family("different", "absent", "two different orchards, half of them with the same spacing", _different),
     Family("periodic_crops", "absent", "differing crops of one perfect lattice", _periodic_crops),

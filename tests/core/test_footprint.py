@@ -56,7 +56,7 @@ def test_a_bay_that_is_open_to_one_side_does_not_belong_to_it() -> None:
 
 
 def test_two_blocks_across_a_wide_road_are_two_grounds() -> None:
-    blocks = np.concatenate([grid(10, 10), grid(10, 10) + [27 + 40, 0]])
+    blocks = np.concatenate([grid(10, 10), grid(10, 10) + np.array([27 + 40, 0])])
     footprint = Footprint.of(blocks, REACH)
     assert footprint.covers(blocks).all()
     assert not footprint.covers(np.array([[27 + 20.0, 25.0]])).any()
@@ -85,7 +85,7 @@ def test_one_tree_and_a_line_of_trees_cover_hardly_anything() -> None:
     for xy in (np.zeros((1, 2)), np.column_stack([np.arange(20) * 3.0, np.zeros(20)])):
         footprint = Footprint.of(xy, REACH)
         assert footprint.covers(xy).all()
-        assert not footprint.covers(xy + [0, REACH]).any()
+        assert not footprint.covers(xy + np.array([0, REACH])).any()
 
 
 def test_a_straggler_a_hundred_kilometres_off_does_not_need_a_giant_grid() -> None:

@@ -9,7 +9,7 @@ from tests.core.orchards import alike, grid
 from treereg_core.prior import log_prior
 from treereg_core.transform import Rigid
 
-SURVEY = alike(grid(10, 20) + [400.0, -80.0])
+SURVEY = alike(grid(10, 20) + np.array([400.0, -80.0]))
 CENTROID = SURVEY.xy.mean(axis=0)
 
 
@@ -58,6 +58,6 @@ def test_a_wider_sd_forgives_more() -> None:
 
 
 def test_the_place_of_the_survey_is_of_no_account() -> None:
-    far = SURVEY.replace(xy=SURVEY.xy + [3e4, -5e4])
+    far = SURVEY.replace(xy=SURVEY.xy + np.array([3e4, -5e4]))
     placement = moved_by(11, 2, -1)
     assert log_prior(placement.about([-3e4, 5e4]), far, 3.0) == pytest.approx(log_prior(placement, SURVEY, 3.0))

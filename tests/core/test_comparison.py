@@ -11,10 +11,10 @@ import pytest
 from tests.core.orchards import alike, grid, off_by, truth_of
 from treereg_core.comparison import Comparison, compare, standing
 from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
-from treereg_core.features import FeatureSet
+from treereg_core.features import FeatureSet, IntArray
 from treereg_core.simulate import Simulation
 from treereg_core.testing import scenes
-from treereg_core.transform import FloatArray, Model, Rigid
+from treereg_core.transform import Model, Rigid
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,21 @@ class TestCompare:
         for rival in matches[1:]:
             assert compare(evidence, matches[0], rival, right, decoy).log_odds == pytest.approx(0, abs=1e-6)
 
+    @pytest.mark.parametrize("cell", [(1, 0), (9, 0), (40, 0)])
+    def test_only_trees_that_both_placements_cover_count_unless_those_are_few(self, cell: tuple[int, int]) -> None:
+        simulation = scenes.scene("noisy")
+        b = bench(simulation)
+        rival = b.evidence.match(off_by(simulation, *cell))
+        mine, its = (b.evidence.scores(m, b.right, b.decoy) for m in (b.match, rival))
+        ours = np.concatenate([b.match.covered_reference, b.match.covered_source])
+        theirs = np.concatenate([rival.covered_reference, rival.covered_source])
+        few = bool((ours & theirs).sum() < 0.5 * ours.sum())
+        assert few == (cell == (40, 0))
+        gain = np.concatenate(mine) - np.concatenate(its)
+        either, both = float(gain[ours | theirs].sum()), float(gain[ours & theirs].sum())
+        assert both != pytest.approx(either), "the outline would make a difference"
+        assert b.against(rival).log_odds == pytest.approx(either if few else both)
+
     def test_a_rival_elsewhere_counts_by_what_it_leaves_uncovered(self) -> None:
         b = bench(scenes.ordinary())
         nowhere = b.evidence.match(Rigid(np.eye(2), (1e5, 0.0)))
@@ -119,7 +134,7 @@ class TestStandardError:
     """Of the sum over the trees: surveys whose gaps agree, here and there or in one corner only."""
 
     @staticmethod
-    def weighed(gaps: FloatArray) -> Comparison:
+    def weighed(gaps: IntArray) -> Comparison:
         """A lattice with these gaps (positions) seen twice, against its neighbour."""
         survey = alike(np.delete(grid(30, 40), gaps, axis=0))
         evidence = Evidence(survey, survey)

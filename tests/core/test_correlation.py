@@ -63,6 +63,18 @@ def test_the_first_peak_is_the_true_one_where_crowns_tell() -> None:
         assert peaks.score[0] > 2 * turned.score[0]
 
 
+def test_crowns_that_agree_raise_the_true_peak() -> None:
+    for seed in range(2):
+        simulation = simulate(Scene(trees=600, outline="rectangle", gaps=0.02, area_persistence=0.8), seed)
+        truth = truth_of(simulation)
+        equal = [f.replace(area=np.full(len(f), 5.0)) for f in (simulation.reference, simulation.source)]
+        with_crowns, _ = correlator(simulation).at(truth)
+        without, _ = Correlator(Evidence(equal[0], equal[1])).at(truth)
+        assert away(with_crowns, truth)[0] < simulation.reference.spacing / 4
+        lead = [float(peaks.score[0] - peaks.score[1]) for peaks in (with_crowns, without)]
+        assert lead[0] > 2 * abs(lead[1])
+
+
 def test_the_neighbouring_cells_are_peaks_too() -> None:
     simulation = simulate(Scene(trees=600, rotation=25.0), 2)
     peaks, _ = correlator(simulation).at(truth_of(simulation))
@@ -116,7 +128,7 @@ def test_threads_are_of_no_account() -> None:
 def test_a_shift_of_both_surveys_is_of_no_account() -> None:
     simulation = scenes.ordinary()
     far = Rigid(np.eye(2), (1e4, -2e4))
-    evidence = Evidence(*(moved(f, far) for f in (simulation.reference, simulation.source)))
+    evidence = Evidence(moved(simulation.reference, far), moved(simulation.source, far))
     truth = truth_of(simulation)
     peaks, _ = Correlator(evidence).at(truth)
     assert away(peaks, far @ truth @ far.inverse())[0] < simulation.reference.spacing / 4

@@ -14,7 +14,7 @@ REACH = 7.5
 
 
 def without_disc(xy: FloatArray, centre: FloatArray, radius: float) -> FloatArray:
-    return xy[np.hypot(*(xy - centre).T) > radius]
+    return np.asarray(xy[np.hypot(*(xy - centre).T) > radius])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -15,7 +15,7 @@ from treereg_core.rivals import Rivals, find_rivals
 from treereg_core.simulate import Scene, Simulation, simulate, simulate_family
 from treereg_core.testing import scenes
 from treereg_core.testing.scenes import moved
-from treereg_core.transform import Affine, Rigid
+from treereg_core.transform import Affine, Rigid, Similarity
 
 
 def rivals_of(simulation: Simulation, context: Context = CONTEXT, *others: Affine) -> tuple[Evidence, Rivals]:
@@ -95,16 +95,16 @@ def test_turns_that_leave_the_orchard_the_same_are_found(order: int, turns_deg: 
 
 
 def test_what_others_ended_on_is_considered() -> None:
-    """A copy of part of the orchard, planted again far off and turned: no peak of the planting pattern shows it."""
+    """A copy of the block, planted again 1.15 times as wide: no shift or turn of the placement itself leads there."""
     rng = np.random.default_rng(0)
     block = grid(16, 20) + rng.normal(0, 0.2, (320, 2))
     area = rng.lognormal(1.6, 0.3, 320)
-    elsewhere = Rigid.turn(64.0, shift=(300.0, 40.0))
-    reference = FeatureSet.of(np.concatenate([block, elsewhere(block)]), area=np.tile(area, 2))
+    wider = Similarity(Rigid.turn(64.0).linear * 1.15, (300.0, 40.0))
+    reference = FeatureSet.of(np.concatenate([block, wider(block)]), area=np.tile(area, 2))
     evidence = Evidence(reference, FeatureSet.of(block, area=area))
-    near = Rigid.turn(64.1, shift=(300.1, 40.0))
-    found = find_rivals(evidence, Rigid.identity(), (near,), CONTEXT)
-    assert evidence.apart(found.dangerous[0].transform, elsewhere) < 0.05
+    without, considered = (find_rivals(evidence, Rigid.identity(), others, CONTEXT) for others in ((), (wider,)))
+    assert evidence.apart(considered.dangerous[0].transform, wider) < 0.05
+    assert all(evidence.apart(m.transform, wider) > 1 for m in without.dangerous)
 
 
 def test_the_placement_itself_among_the_others_is_no_rival() -> None:

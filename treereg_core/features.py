@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
@@ -37,9 +38,17 @@ def nearest(
 
     One that is missing within the distance `within` has an infinite distance and the index `tree.n`.
     """
-    workers = threads if len(points) > WORTH_THREADS else 1
-    distance, index = tree.query(points, k=count, distance_upper_bound=within, workers=workers)
-    return np.asarray(distance), np.asarray(index, dtype=np.int64)
+
+    def query(some: FloatArray) -> tuple[FloatArray, IntArray]:
+        distance, index = tree.query(some, k=count, distance_upper_bound=within)
+        return np.asarray(distance), np.asarray(index, dtype=np.int64)
+
+    if threads == 1 or len(points) <= WORTH_THREADS:
+        return query(points)
+    # scipy's own threads (`workers`) go on writing into freed memory when a user interrupts; a pool waits for its own
+    with ThreadPoolExecutor(threads) as pool:
+        distances, indices = zip(*pool.map(query, np.array_split(points, threads)), strict=True)
+    return np.concatenate(distances), np.concatenate(indices)
 
 
 @dataclass(frozen=True, eq=False)

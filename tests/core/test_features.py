@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import pickle
+import signal
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
-from treereg_core.features import FeatureSet, frozen_array
+from treereg_core.features import FeatureSet, frozen_array, nearest
 from treereg_core.testing import strategies as some
 from treereg_core.testing.using import plain
 
@@ -112,3 +115,28 @@ def test_spacing_does_not_depend_on_the_frame(features: FeatureSet, t: Any) -> N
 def test_the_tree_is_built_once_and_answers_for_xy() -> None:
     assert THREE.tree is THREE.tree
     assert THREE.tree.query([[4.1, 3.0]])[1].tolist() == [2]
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs an alarm clock")
+def test_an_interrupted_search_leaves_no_thread_behind() -> None:
+    points = np.random.default_rng(1).uniform(0, 1, (200_000, 2))
+    tree = cKDTree(points)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        with pytest.raises(KeyboardInterrupt):
+            nearest(tree, points, 1.0, count=20, threads=2)
+        assert threading.active_count() == 1, "it would write into memory that is no longer its own"
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_threads_change_nothing() -> None:
+    points = np.random.default_rng(2).uniform(0, 1, (20_001, 2))
+    one, three = (nearest(cKDTree(points), points, 0.004, count=2, threads=n) for n in (1, 3))
+    np.testing.assert_array_equal(one[0], three[0])
+    np.testing.assert_array_equal(one[1], three[1])

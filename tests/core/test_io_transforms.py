@@ -111,3 +111,17 @@ def test_files_that_are_no_json(tmp_path, content):
         (tmp_path / "t.json").write_text(content)
     with pytest.raises(InputError, match=r"t\.json"):
         read_transform(tmp_path / "t.json", FRAME)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:5773", "EPSG:4978"])
+def test_a_crs_without_eastings_is_refused(tmp_path, crs):
+    path = write(tmp_path / "registration.json", Rigid.identity(), crs)
+    with pytest.raises(InputError, match="which is not projected"):
+        read_transform(path, FRAME)
+
+
+def test_a_number_beyond_all_floats_is_refused(tmp_path):
+    path = tmp_path / "truth.json"
+    path.write_text(json.dumps({"crs": CRS, "transform": {"matrix": [[1, 0, 10**400], [0, 1, 0], [0, 0, 1]]}}))
+    with pytest.raises(InputError, match="no usable matrix"):
+        read_transform(path, FRAME)

@@ -37,7 +37,10 @@ def read_transform(path: Path, frame: Frame) -> Affine:
     model = _model(record.get("model"), path)
     if not isinstance(document.get("crs"), str):
         raise InputError(f"{path} does not say in which CRS its transform is; add it as 'crs', such as EPSG:32734.")
-    crs = crs_name(parse_crs(document["crs"], path))
+    known = parse_crs(document["crs"], path)
+    if not known.is_projected:
+        raise InputError(f"{path} has a transform in {known.name}, which is not projected; give one in metres.")
+    crs = crs_name(known)
     if crs == frame.crs:
         return _of_kind(full.about(frame.origin), model, path)
     return _converted(full, crs, frame, model, path)
@@ -46,7 +49,7 @@ def read_transform(path: Path, frame: Frame) -> Affine:
 def _affine(matrix: Any, path: Path) -> Affine:
     try:
         return Affine.from_matrix(matrix)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise InputError(
             f"{path} has no usable matrix ({error}); give 3 rows of 3 numbers, the last 0, 0, 1."
         ) from error

@@ -46,7 +46,7 @@ def parse_value(text: str) -> object:
 def read_config(path: Path) -> tuple[dict[str, object], dict[str, dict[str, object]]]:
     """A configuration file: long options at the top, and a table for each stage. `InputError` when it is not TOML."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give --config a TOML file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -88,6 +88,8 @@ def record(kind: type[Record], values: Mapping[str, object], called: Callable[[s
     for name, value in values.items():
         if isinstance(value, float) and not math.isfinite(value):
             raise UsageError(f"{called(name)} is {value}; give a finite number")
+        if isinstance(value, bool) and "boolean" not in describe(kind).get(name, {}).get("type", "boolean"):
+            raise UsageError(f"{called(name)} is {str(value).lower()}, where no true or false is wanted")
     try:
         return kind(**values)
     except ValidationError as error:

@@ -99,3 +99,8 @@ def test_a_config_file_that_is_not_toml(tmp_path: Path, content: bytes) -> None:
         read_config(path)
     with pytest.raises(InputError, match=r"absent\.toml: No such file"):
         read_config(tmp_path / "absent.toml")
+
+
+def test_a_file_that_begins_with_a_mark_of_its_byte_order(tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_bytes(b"\xef\xbb\xbfseed = 1")
+    assert read_config(tmp_path / "run.toml") == ({"seed": 1}, {})

@@ -363,3 +363,8 @@ def test_markup_in_names_is_shown_as_data(tmp_path):
     folder = survey(tmp_path / "<b>&amp;\u202e", with_(0, properties={"confidence": "<script>\x1b[31m\n"}))
     text = refusal(folder, "<b>&amp;")
     assert "\x1b" not in text
+
+
+def test_hidden_files_are_not_shown_as_what_a_folder_holds(tmp_path):
+    (tmp_path / ".treereg-staging-x").mkdir()
+    refusal(tmp_path, "it is empty")

@@ -39,7 +39,8 @@ def find_files(folder: Path) -> SurveyFiles:
         raise InputError(f"{folder} cannot be listed ({reason(error)}); check its permissions.") from error
     detections = _only(folder, [n for n in names if n in {stem + suffix for stem in DETECTIONS for suffix in SUFFIXES}])
     if detections is None:
-        found = f"it holds {_some(names)}" if names else "it is empty"
+        visible = [name for name in names if not name.startswith(".")]
+        found = f"it holds {_some(visible)}" if visible else "it is empty"
         raise InputError(
             f"{folder} has no detections ({found}); name the file of canopy polygons {DETECTIONS[0]}.geojson, "
             ".gpkg or .parquet."

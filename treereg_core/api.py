@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -82,7 +83,8 @@ def execute(
 ) -> Result:
     """Carry out a plan: the starts, the stages from each, and the judge over all that comes out."""
     options = plan.options
-    context = Context(options.model, options.seed, options.threads, options.georeference_sd, progress)
+    threads = min(options.threads, os.cpu_count() or 1)
+    context = Context(options.model, options.seed, threads, options.georeference_sd, progress)
     pair = Pair(trees(surveys[0]), trees(surveys[1]))
     with clock("start"):
         begins = starts(plan, pair, surveys[0], context)

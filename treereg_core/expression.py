@@ -64,6 +64,8 @@ def stages_of(recipe: Recipe, registry: Registry) -> list[type[Method]]:
 def refusal(text: str, flaw: str, registry: Registry) -> UsageError:
     """The error for a wrong expression, with the nearest right one where there is one."""
     near = nearest(text, registry)
+    if near:
+        flaw = flaw.partition("; did you mean")[0]
     return UsageError(f"method {text!r}: {flaw}" + (f"; the nearest right expression is {near!r}" if near else ""))
 
 

@@ -81,7 +81,8 @@ def aligner_named(start: str, registry: Registry) -> type[CoarseAligner] | None:
     try:
         offer = registry.entry(start, (CoarseAligner,)).offer
     except UsageError as error:
-        raise UsageError(f"start {start!r}: {error}, or give {IDENTITY!r} or a .json file") from None
+        hint = "" if str(error).endswith("?") else f", or give {IDENTITY!r} or a .json file"
+        raise UsageError(f"start {start!r}: {error}{hint}") from None
     if isinstance(offer, type) and issubclass(offer, CoarseAligner):
         return offer
     known = ", ".join([*registry.names(CoarseAligner), IDENTITY])

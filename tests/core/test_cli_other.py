@@ -160,3 +160,19 @@ def test_simulate_does_not_touch_a_folder_in_use() -> None:
     assert main(["simulate", "mine", "--trees", "50", "-q"]) == 2
     assert (folder / "raw-detections.geojson").read_text() == "precious"
     assert main(["simulate", "mine", "--trees", "50", "-q", "--overwrite"]) == 0
+
+
+def test_simulate_has_no_out_to_choose(capsys: Output) -> None:
+    Path("here").mkdir()
+    Path("here/notes.txt").write_text("mine")
+    assert main(["simulate", "here"]) == 2
+    stderr = capsys.readouterr().err
+    assert "choose another folder" in stderr
+    assert "--out" not in stderr
+
+
+def test_the_help_of_simulate_names_families_and_options_as_they_are_typed(capsys: Output) -> None:
+    assert main(["simulate", "--help"]) == 0
+    helped = capsys.readouterr().out
+    assert "overlap_25" in helped
+    assert "rotation_sd" not in helped

@@ -175,12 +175,13 @@ def test_settings_from_a_file_and_the_command_line(orchard: Path) -> None:
         (["run", "--rasters", "none"], "No such option: --rasters"),
         (["run", "--report"], "No such option: --report"),
         (["run", "--memory", "x"], "No such option: --memory"),
-        (["run", "--method", "ipc"], "nearest right expression is 'icp'"),
+        (["run", "--method", "ipc"], "there is no method 'ipc'; the nearest right expression is 'icp'."),
         (["run", "--method", "icp+confidence"], "nearest right expression is 'confidence+icp'"),
-        (["run", "--start", "corse"], "did you mean 'coarse'"),
+        (["run", "--start", "corse"], "there is no method 'corse'; did you mean 'coarse'?\n"),
         (["run", "--start", "icp"], "it is not a coarse aligner"),
         (["run", "--start", "absent.json"], "absent.json: there is no such file"),
         (["run", "--set", "icp.reach=-1"], "icp.reach is -1, but must be above 0"),
+        (["run", "--set", "icp.rounds=true"], "icp.rounds is true, where no true or false is wanted"),
         (["run", "--set", "icp.reech=1"], "did you mean 'reach'"),
         (["run", "--set", "coarse.x=1", "--start", "identity"], "the stage 'coarse' is not used here"),
         (["run", "--set", "reach=1"], "write STAGE.PARAMETER=VALUE"),
@@ -192,6 +193,7 @@ def test_settings_from_a_file_and_the_command_line(orchard: Path) -> None:
         (["run", "--seed", "x"], "--seed"),
         (["run", "--config", "absent.toml"], "absent.toml: No such file"),
         (["nonsense"], "No such command 'nonsense'"),
+        (["Run"], "No such command 'Run'; did you mean 'run'?\n"),
     ],
 )
 def test_bad_usage_is_one_sentence_and_leaves_nothing(arguments: list[str], sentence: str, capsys: Output) -> None:
@@ -299,3 +301,61 @@ def test_register_refuses_what_does_not_go_together(orchard: Path) -> None:
         register(made.reference, made.source, start=orchard / "truth.json")
     with pytest.raises(UsageError, match="threads is 0"):
         register(made.reference, made.source, threads=0)
+
+
+def test_a_request_to_end_is_an_interruption(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "import sys; from treereg_core.cli import main; sys.exit(main())"]
+    running = subprocess.Popen([*command, "simulate", "big", "--trees", "2000000"], cwd=tmp_path)
+    for _ in range(200):
+        if names(tmp_path):
+            break
+        time.sleep(0.05)
+    running.terminate()
+    assert running.wait(timeout=60) == 130
+    assert names(tmp_path) == []
+
+
+def test_line_ends_and_escapes_in_a_name_stay_in_one_line(capsys: Output) -> None:
+    assert main(["run", "a\nb\x1b[31m", "c", "-q"]) == 2
+    assert (
+        capsys.readouterr().err == "treereg: a\\nb\\x1b[31m: there is no such folder; check the path of the survey.\n"
+    )
+
+
+def test_names_that_are_no_text_or_unknown_to_the_terminal(orchard: Path, tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"\xff\xc3\xb6")
+    folder.symlink_to(orchard)
+    code = "import sys; from treereg_core.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "run", *surveys(folder), "--out", str(folder) + "-out", "-q"]
+    done = subprocess.run(command, env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"accepted" in done.stdout
+    (found,) = tmp_path.glob("*-out/registration.json")
+    assert read(found)["source"]["path"] == str(folder / "source")
+
+
+def test_a_terminal_that_takes_nothing_is_no_fault_of_ours(tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("needs a device that is always full")
+    command = [sys.executable, "-c", "import sys; from treereg_core.cli import main; sys.exit(main(['methods']))"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == 1
+    assert b"No space left" in done.stderr
+    assert b"report it" not in done.stderr
+
+
+def test_the_demonstration_warns_of_files_where_they_will_lie(capsys: Output) -> None:
+    assert main(["run", "-q", "--confidence-property", "score", "--set", "coarse.proposals=1"]) in (0, 3)
+    warnings = capsys.readouterr().err.splitlines()
+    assert warnings[0].startswith("warning: treereg-out/demonstration/reference/raw-detections.geojson: no feature")
+    assert len(warnings) == 2
+
+
+def test_more_threads_than_processors_are_no_more_than_processors(
+    orchard: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr("treereg_core.api.starts", lambda *given: asked.append(given[-1].threads) or ())
+    register(*surveys(orchard), threads=1_000_000_000)
+    assert asked == [os.cpu_count()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -23,6 +24,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     invoke_without_command=True,
+    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -45,16 +47,24 @@ def _treereg(
         print(context.get_help())
 
 
-for _command in (run, methods, check, simulate):
-    app.command()(_command)
+for _command, _words in (
+    (run, "Register one survey folder onto another."),
+    (methods, "List what is installed, or the settings of one method."),
+    (check, "Run the contract's laws on a method or a plugin."),
+    (simulate, "Make two survey folders whose truth is known."),
+):
+    app.command(short_help=_words)(_command)
 
 
 def carry_out(arguments: Sequence[str] | None) -> int:
     """Carry out one command and give its exit code; every error becomes one sentence on stderr."""
     console.reset()
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a letter that the terminal does not know must not end a run
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code = app(args=arguments, prog_name="treereg", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout:
+            sys.stdout.flush()
         return code or 0
     except TreeregError as error:
         console.fail(error, str(error))
@@ -67,6 +77,9 @@ def carry_out(arguments: Sequence[str] | None) -> int:
     except BrokenPipeError:  # nobody reads stdout any more; flushing it at exit must not fail again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:
+        console.fail(error, f"the system refused ({error.strerror or error}); mend that and run it again")
+        return 1
     except Exception as error:
         text = " ".join(str(error).split()) or "no message"
         console.fail(error, f"a fault of treereg or a plugin, please report it ({type(error).__name__}: {text})")
@@ -78,7 +91,8 @@ def usage_sentence(error: typer.TyperException) -> str:
     message = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
     parameter = getattr(error, "param", None)
-    if context is None:
+    message = message.replace(". Did you", "; did you")
+    if context is None or message.endswith("?"):
         return message
     if parameter is not None and parameter.name in (context.default_map or {}):
         source = context.get_parameter_source(parameter.name)

@@ -38,8 +38,8 @@ class Console:
 
     @staticmethod
     def say(message: str) -> None:
-        """A line on stderr."""
-        print(message, file=sys.stderr, flush=True)
+        """One line on stderr; what a terminal would obey (line ends, escapes) in a name is shown, not carried out."""
+        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in message), file=sys.stderr, flush=True)
 
 
 console = Console()
@@ -55,7 +55,9 @@ def _set_quiet(value: bool) -> None:
 
 Verbose = Annotated[
     bool,
-    typer.Option("--verbose", "-v", callback=_set_verbose, is_eager=True, help="Where an error arose, with traceback."),
+    typer.Option(
+        "--verbose", "-v", callback=_set_verbose, is_eager=True, help="Say where an error arose, with traceback."
+    ),
 ]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", callback=_set_quiet, is_eager=True, help="No progress on stderr.")

@@ -21,9 +21,10 @@ def make_orchard(folder: Path, seed: int) -> Path:
     return folder / "truth.json"
 
 
-def made_at(folder: Path, reference: Survey, source: Survey) -> tuple[Survey, Survey]:
-    """The surveys under the path where they will lie when the run is complete."""
-    return replace(reference, path=folder / "reference"), replace(source, path=folder / "source")
+def made_at(place: Path, survey: Survey) -> Survey:
+    """A survey under the path where it will lie when the run is complete, in its warnings too."""
+    warnings = tuple(warning.replace(str(survey.path), str(place)) for warning in survey.warnings)
+    return replace(survey, path=place, warnings=warnings)
 
 
 def true_error(result: Result, truth_file: Path) -> float | None:

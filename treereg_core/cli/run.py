@@ -31,27 +31,35 @@ def run(
         Path | None, typer.Argument(metavar="REFERENCE", help="Survey folder that stays where it is.")
     ] = None,
     source: Annotated[Path | None, typer.Argument(metavar="SOURCE", help="Survey folder that is laid over it.")] = None,
-    method: Annotated[str, typer.Option(metavar="EXPR", help="Methods in running order.")] = defaults()["method"],
+    method: Annotated[str, typer.Option(metavar="EXPR", help="Methods in running order, joined by +.")] = defaults()[
+        "method"
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")] = DEFAULT_OUT,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the files of an earlier run.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the files of an earlier run, and no others.")
+    ] = False,
     start: Annotated[
         str,
-        typer.Option(metavar="NAME|identity|FILE", help="A coarse aligner, the files' own georeference, or a .json."),
+        typer.Option(
+            metavar="NAME|identity|FILE",
+            help="A coarse aligner, the files' own georeference, or the transform in a .json file.",
+        ),
     ] = defaults()["start"],
     georeference_sd: Annotated[
-        float | None, typer.Option(metavar="METRES", help="How far the georeference may be off, 1 sd per axis.")
+        float | None,
+        typer.Option(metavar="METRES", help="How far the files may be off, 1 sd per axis; default: unknown."),
     ] = None,
-    model: Annotated[str, typer.Option(metavar="rigid|similarity|affine", help="What is fitted.")] = "rigid",
+    model: Annotated[str, typer.Option(metavar="rigid|similarity|affine", help="The transform to fit.")] = "rigid",
     max_failure: Annotated[
         float, typer.Option(metavar="P", help="Accepted only at a failure probability of at most this.")
     ] = 0.001,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="A setting; repeatable.")
+        list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="One setting; repeatable.")
     ] = None,
     config: Config = None,
     force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
     seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="Default: as many as there are processors.")] = None,
+    threads: Annotated[int | None, typer.Option(help="At most this many; default: all processors.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print registration.json instead of a summary.")] = False,
     confidence_property: Annotated[
         str, typer.Option(metavar="NAME", help="The property that holds the confidence.")
@@ -82,7 +90,10 @@ def run(
         clock = Clock()
         surveys = read(inputs, plan, confidence_property, clock)
         if truth:
-            surveys = made_at(out / DEMONSTRATION, *surveys)
+            places = (out / DEMONSTRATION / "reference", out / DEMONSTRATION / "source")
+            surveys = made_at(places[0], surveys[0]), made_at(places[1], surveys[1])
+        for warning in (*surveys[0].warnings, *surveys[1].warnings):
+            console.warn(warning)
         result = execute(plan, surveys, clock, console.progress)
         files = write_result(result, folder, force)
         error_m = true_error(result, truth) if truth else None
@@ -111,12 +122,9 @@ def option_name(field: str) -> str:
 
 
 def read(folders: Sequence[Path], plan: Plan, confidence_property: str, clock: Clock) -> tuple[Survey, Survey]:
-    """The two surveys in one frame, their warnings said."""
+    """The two surveys in one frame."""
     console.progress("read")
     with clock("read"):
-        surveys = io.read_surveys(
+        return io.read_surveys(
             folders[0], folders[1], confidence_property=confidence_property, same_place=plan.start_file is None
         )
-    for warning in (*surveys[0].warnings, *surveys[1].warnings):
-        console.warn(warning)
-    return surveys

@@ -13,7 +13,7 @@ from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.errors import UsageError
 from treereg_core.io import SIMULATION_NAMES, OutputFolder
 from treereg_core.settings import describe, parse_value, range_in_words, record
-from treereg_core.simulate import Scene, family_scene, write_simulation
+from treereg_core.simulate import FAMILIES, Scene, family_scene, write_simulation
 from treereg_core.simulate import simulate as simulated
 
 
@@ -53,7 +53,9 @@ def scene_option(field: str, words: dict[str, Any]) -> Any:
 def simulate(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Gets reference, source and truth.json.")],
     *,
-    family: Annotated[str | None, typer.Option(help="A named family of scenes, instead of scene options.")] = None,
+    family: Annotated[
+        str | None, typer.Option(metavar="NAME", help=f"Instead of scene options: one of {', '.join(FAMILIES)}.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same surveys.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what an earlier simulate wrote.")] = False,
     verbose: Verbose = False,

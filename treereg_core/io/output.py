@@ -81,11 +81,11 @@ class OutputFolder:
     def _check(self) -> None:
         target = self.path.resolve()
         if target.exists() and not target.is_dir():
-            raise UsageError(f"{self.path} is a file, not a folder; choose another --out.")
+            raise UsageError(f"{self.path} is a file, not a folder; choose another folder.")
         for given in self._inputs:
             folder = given.resolve()
             if folder.is_dir() and (folder == target or target in folder.parents):
-                raise UsageError(f"--out {self.path} is or contains the input folder {given}; choose another --out.")
+                raise UsageError(f"--out {self.path} is or contains the input folder {given}; choose another folder.")
         if self._overwrite:
             return
         earlier = self._earlier()
@@ -94,7 +94,7 @@ class OutputFolder:
         found = foreign or (next(iter(sorted(earlier)), None) if not at_default else None)
         if found:
             raise UsageError(
-                f"{self.path} is in use, it holds {found.relative_to(self.path)}; choose another --out, or replace "
+                f"{self.path} is in use, it holds {found.relative_to(self.path)}; choose another folder, or replace "
                 "the files of an earlier run, and no others, with --overwrite."
             )
 
@@ -124,7 +124,7 @@ class OutputFolder:
         _remove_empty({folder for file, _ in moves for folder in _between(file, self.path)})
 
     def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f"{self.path} cannot be written ({reason(error)}); choose another --out.")
+        return InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.")
 
 
 def _files(folder: Path) -> Iterable[Path]:

@@ -101,7 +101,7 @@ def write_json(path: Path, value: Any) -> None:
     """
     text = readable(value) + "\n"
     with complete_file(path) as file:
-        file.write(text.encode())
+        file.write(text.encode(errors="backslashreplace"))  # half surrogates, as in odd names of folders
 
 
 @contextmanager

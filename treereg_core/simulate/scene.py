@@ -86,14 +86,14 @@ class Scene(BaseModel):
     # How the source is misplaced
     rotation: float | Literal["any"] | None = Field(
         None,
-        description="how far the source is turned about the orchard's centre, counter-clockwise; any: uniform; none: "
-        "drawn with rotation_sd",
+        description="how far the source is turned about the orchard's centre, counter-clockwise; any: uniform; without it "
+        "drawn with --rotation-sd",
         json_schema_extra=_DEGREES,
     )
     rotation_sd: float = Field(1.0, ge=0, description="sd of a drawn rotation", json_schema_extra=_DEGREES)
     shift: tuple[float, float] | None = Field(
         None,
-        description="how far it is then shifted, x and y; none: drawn with shift_sd",
+        description="how far it is then shifted, x and y; without it drawn with --shift-sd",
         json_schema_extra=_METRES,
     )
     shift_sd: float = Field(3.0, ge=0, description="sd per axis of a drawn shift", json_schema_extra=_METRES)

@@ -102,7 +102,7 @@ def nearest(text: str, registry: Registry) -> str | None:
     names = registry.names(*STAGES)
     recipes = registry.names(Recipe)
     whole = difflib.get_close_matches(text.lower(), recipes, n=1, cutoff=0.75)
-    if whole:
+    if whole and whole[0] != text:
         return whole[0]
     guesses = [difflib.get_close_matches(part.strip().lower(), names, n=1) for part in text.split("+")]
     stages = sorted((registry.method(guess[0]) for guess in guesses if guess), key=rank)

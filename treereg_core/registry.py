@@ -21,7 +21,7 @@ from typing import cast
 import pluggy
 
 from treereg_core import hookspecs
-from treereg_core.errors import InputError, PluginError, UsageError
+from treereg_core.errors import InputError, PluginError, TreeregError, UsageError
 from treereg_core.evaluator import Evaluator
 from treereg_core.method import CoarseAligner, FeatureFilter, Method, PointMatcher, RowDetector, RowMatcher
 from treereg_core.recipe import Recipe
@@ -230,6 +230,7 @@ def without_duplicates(entries: list[Entry]) -> Iterator[Entry]:
 
 
 def in_words(error: BaseException) -> str:
-    """An error as one line of bearable length: its kind and its text."""
-    text = " ".join(str(error).split()) or "no message"
-    return f"{type(error).__name__}: {text if len(text) <= 200 else text[:197] + '...'}"
+    """An error as one line of bearable length: its text, and its kind where it is not one of ours."""
+    text = "".join(c if c.isprintable() else "?" for c in " ".join(str(error).split())) or "no message"
+    text = text if len(text) <= 200 else text[:197] + "..."
+    return text if isinstance(error, TreeregError) else f"{type(error).__name__}: {text}"

@@ -13,6 +13,7 @@ from treereg_core.cli import main
 from treereg_core.cli.check import targets
 from treereg_core.pipeline import Pipeline
 from treereg_core.simulate import Scene, simulate, write_simulation
+from treereg_core.testing.law import LawResult
 
 Output = pytest.CaptureFixture[str]
 
@@ -176,3 +177,34 @@ def test_the_help_of_simulate_names_families_and_options_as_they_are_typed(capsy
     helped = capsys.readouterr().out
     assert "overlap_25" in helped
     assert "rotation_sd" not in helped
+
+
+RECIPE = """
+from treereg_core import hookimpl
+from treereg_core.recipe import Recipe
+
+@hookimpl
+def treereg_recipes():
+    return [Recipe(name="mine", expression={expression!r}, settings={settings}, description="x")]
+"""
+
+
+@pytest.mark.parametrize(
+    ("expression", "settings", "sentence"),
+    [
+        ("icp", {"icp": {"reech": 1}}, "there is no setting icp.reech; did you mean 'reach'?"),
+        ("icp+confidence", {}, "method 'mine': nothing after confidence would see what it selects."),
+    ],
+)
+def test_a_wrong_recipe_is_one_sentence(
+    expression: str, settings: dict[str, dict[str, float]], sentence: str, capsys: Output
+) -> None:
+    Path("plugin.py").write_text(RECIPE.format(expression=expression, settings=settings))
+    assert main(["check", "plugin.py"]) == 2
+    assert capsys.readouterr().err == f"treereg: {sentence}\n"
+
+
+def test_a_law_is_one_line(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("treereg_core.testing.check", lambda method: [LawResult("it stands", False, "it fell\nin two")])
+    assert main(["check", "icp"]) == 3
+    assert "  BROKEN  it stands: it fell in two\n" in capsys.readouterr().out

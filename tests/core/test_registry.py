@@ -174,3 +174,13 @@ def test_a_plugin_file(tmp_path: Path) -> None:
 def test_the_core_offers_its_evaluator_through_the_same_door() -> None:
     entry = registry.installed().entry("truth")
     assert (entry.role, entry.distribution) == ("evaluator", "treereg")
+
+
+def test_the_problem_of_a_plugin_is_one_line_that_a_terminal_can_show(site: Site) -> None:
+    site.add("one", "raise RuntimeError('lost\\nin \\x1b[31m red')")
+    site.add("two", GOOD.format(name="near").replace("treereg_methods", "treereg_method"))
+    problems = sorted(entry.problem or "" for entry in site.registry().entries)
+    assert problems == [
+        "one 1.2 cannot be loaded: RuntimeError: lost in ?[31m red",
+        "two 1.2 cannot be loaded: there is no hook 'treereg_method'; did you mean 'treereg_methods'?",
+    ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,7 @@ from treereg_core.method import Method
 from treereg_core.pipeline import Pipeline
 from treereg_core.recipe import Recipe
 from treereg_core.registry import Registry, from_file, installed
+from treereg_core.settings import record
 
 
 def check(
@@ -30,7 +31,8 @@ def check(
         print(name)
         for law in run_laws(method):
             mark = "skipped" if law.skipped else "ok" if law.passed else "BROKEN"
-            print(f"  {mark:8}{law.name}{': ' + law.message if law.message else ''}", flush=True)
+            message = " ".join(law.message.split())
+            print(f"  {mark:8}{law.name}{': ' + message if message else ''}", flush=True)
             broken += not law.passed and not law.skipped
     print(f"laws broken: {broken}" if broken else "every law holds")
     return 3 if broken else 0
@@ -59,5 +61,9 @@ def named(name: str, registry: Registry) -> Iterator[tuple[str, Method]]:
         yield name, offer()
     else:
         expression = parse(name, registry)
-        stages = [stage(**expression.settings.get(stage.name, {})) for stage in expression.stages]
-        yield name, Pipeline.of(stages)
+        yield name, Pipeline.of([made(stage, expression.settings.get(stage.name, {})) for stage in expression.stages])
+
+
+def made(stage: type[Method], values: Mapping[str, object]) -> Method:
+    """A stage with the settings that a recipe gives it."""
+    return record(stage, values, lambda field: f"{stage.name}.{field}")

@@ -34,10 +34,10 @@ class Comparison:
 
     @property
     def margin(self) -> float:
-        """The smaller of the log-odds and of twice their squared ratio to the standard error, signed."""
+        """What the trees say: the smaller of their log-odds and of twice its squared ratio to the standard error."""
         seen = self.log_odds - self.prior
         ratio = seen / max(self.standard_error, 1e-6)
-        return min(seen, 2 * ratio * abs(ratio)) + self.prior
+        return min(seen, 2 * ratio * abs(ratio))
 
     def plus(self, prior: float) -> Comparison:
         """The same with log-odds that were known beforehand."""
@@ -87,7 +87,7 @@ def _standard_error(gain: FloatArray, where: FloatArray) -> float:
     of_blocks, of_trees = len(sums) * sums.var(ddof=1), n * gain.var(ddof=1)
     known = len(sums) - 1
     variance = (known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)
-    if len(sums) >= MANY_BLOCKS and of_blocks > of_trees:
+    if len(sums) >= MANY_BLOCKS and of_blocks > of_trees > 0:
         variance = of_blocks * math.sqrt(of_blocks / of_trees)
     return math.sqrt(variance)
 

@@ -9,25 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from treereg_core.calibration import failure_probability
 from treereg_core.comparison import Comparison, compare, standing
 from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
 from treereg_core.expected_error import expected_error, fit_covariance
 from treereg_core.judgement import ExpectedError, Judgement, Matches, Rival, Verdict
 from treereg_core.method import Context, Registration
 from treereg_core.pair import Pair
-from treereg_core.prior import log_prior
+from treereg_core.prior import log_prior, log_prior_at_home
 from treereg_core.rivals import find_rivals
 from treereg_core.transform import Affine, Rigid
 
-# Log-odds of a failure over the margin, fitted to simulated trials.
-SLOPE, OFFSET = 0.56, 1.84
-# The curve goes on, but no trials that were run could tell smaller probabilities apart.
-LEAST_CLAIMED = 1e-6
 # An overlap of less than this share of the trees owes up to CHOICE to having been chosen among many.
 SMALL_OVERLAP = 0.2
-CHOICE = 30.0
+CHOICE = 60.0
 # A placement that beats decoys by less does not explain the trees, unless nearly all of them meet, as on a lattice.
-STANDING = 10.0
+STANDING = 15.0
 PERIODIC = 0.95
 # Against larger log-odds it is no rival that makes a placement doubtful.
 DECISIVE = 20.0
@@ -54,10 +51,10 @@ class _Case:
         return self.alone.margin - CHOICE * max(0.0, 1 - float(seen) / SMALL_OVERLAP)
 
     @property
-    def margin(self) -> float:
-        """By how much it beats decoys and its most dangerous rival."""
+    def failure_probability(self) -> float:
+        """That it is wrong: against decoys or its most dangerous rival, whichever is more."""
         owed = self.alone.margin - self.stands
-        return min([self.alone.margin, *(c.margin for _, c in self.opponents)]) - owed
+        return max(failure_probability(c.margin - owed, c.prior) for c in (self.alone, *(c for _, c in self.opponents)))
 
 
 class Judge(BaseModel):
@@ -87,7 +84,7 @@ class Judge(BaseModel):
         case = _best(evidence, pair, candidates, context)
         if case is None:
             return _failed("No placement was found at which enough trees of the two surveys meet.", before)
-        failure = max(1 / (1 + math.exp(min(SLOPE * case.margin - OFFSET, 500))), LEAST_CLAIMED)
+        failure = case.failure_probability
         verdict, reason = _verdict(case, failure, max_failure)
         if verdict is Verdict.FAILED:
             return _failed(reason, before)
@@ -137,7 +134,13 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
         against = prior - log_prior(rival.transform, pair.source, context.georeference_sd)
         opponents.append((rival.transform, compare(evidence, match, rival, right, decoy).plus(against)))
     opponents.sort(key=lambda o: o[1].log_odds)
-    return _Case(distinct[best], match, decoy, standing(evidence, match, right, decoy), tuple(opponents))
+    alone = standing(evidence, match, right, decoy)
+    if match.rate >= PERIODIC:
+        # Where all trees meet, as on a lattice, the georeference alone may tell which position it is.
+        alone = alone.plus(
+            log_prior_at_home(match.transform, pair.source, context.georeference_sd, evidence.spacing / 2)
+        )
+    return _Case(distinct[best], match, decoy, alone, tuple(opponents))
 
 
 def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, str]:

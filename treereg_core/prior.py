@@ -23,3 +23,17 @@ def log_prior(reference_from_source: Affine, source: FeatureSet, georeference_sd
     shift = reference_from_source(centroid[None])[0] - centroid
     turn = reference_from_source.rotation_deg / ROTATION_SD_DEG
     return -float(shift @ shift) / (2 * georeference_sd**2) - 2 * math.log1p(turn * turn / 3)
+
+
+def log_prior_at_home(
+    reference_from_source: Affine, source: FeatureSet, georeference_sd: float | None, within: float
+) -> float:
+    """Log-odds beforehand that the truth lies within a distance, metres, of a placement; at least 0.
+
+    From the same density of the shift, which falls off from the files' own georeference on all sides.
+    """
+    if georeference_sd is None:
+        return 0.0
+    centroid = source.xy.mean(axis=0)
+    shift = reference_from_source(centroid[None])[0] - centroid
+    return max((within**2 - float(shift @ shift)) / (2 * georeference_sd**2), 0.0)

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, field_serializer
 from treereg_outside import LargeCrowns, Mutual, StraightRows
 
 from treereg_core.errors import NoRegistration
-from treereg_core.evaluator import Problem, Truth
+from treereg_core.evaluator import Problem
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Judgement
 from treereg_core.method import CoarseAligner, Context, Method, PointMatcher, Registration
@@ -19,6 +19,7 @@ from treereg_core.pair import Pair, Rows
 from treereg_core.registry import installed
 from treereg_core.rows import NearestRows
 from treereg_core.transform import Affine, Model, Rigid
+from treereg_core.truth import Truth
 
 CALLS = count()
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from treereg_core.evidence import Evidence, Side
+from treereg_core.evidence import Evidence
 from treereg_core.features import IntArray
+from treereg_core.side import Side
 from treereg_core.transform import Affine, FloatArray
 
 Map = NDArray[np.float32]

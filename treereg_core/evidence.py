@@ -11,20 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.special import ndtri
 
 from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
-from treereg_core.footprint import Footprint
+from treereg_core.side import CLASSES, Side
 from treereg_core.transform import Affine, FloatArray, Model
 
-# The neighbourhood that a tree's crown is compared with.
-NEIGHBOURS = 24
-# Classes of confidence, equally many trees in each.
-CLASSES = 3
 # So many pairs of a placement count as much as what is known of decoys.
 CHANCE_PAIRS = 20
 # The largest correlation that is believed.
@@ -35,54 +28,6 @@ def second_moments(xy: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centroid (2,) and covariance (2, 2) of points."""
     centre = xy.mean(axis=0)
     return centre, (xy - centre).T @ (xy - centre) / len(xy)
-
-
-def local_scores(xy: FloatArray, values: FloatArray, tree: cKDTree, threads: int = 1) -> FloatArray:
-    """Normal scores of `values` (n,) after the median of each tree's neighbourhood is removed.
-
-    What varies smoothly over a field (vigour, growth, light) is removed, what sets a tree apart from its neighbours
-    stays. Clipped to two and a half; all zero when the values do not vary.
-    """
-    n = len(xy)
-    k = min(NEIGHBOURS + 1, max(n // 3, 2))
-    if n < 3 or np.ptp(values) < 1e-9 * max(1.0, float(np.abs(values).max())):
-        return np.zeros(n)
-    _, near = nearest(tree, xy, np.inf, k, threads)
-    local = values - np.median(values[near], axis=1)
-    order = np.argsort(local, kind="stable")
-    rank = np.empty(n)
-    rank[order] = np.arange(n)
-    _, inverse, counts = np.unique(local, return_inverse=True, return_counts=True)
-    rank = (np.bincount(inverse, weights=rank) / counts)[inverse]
-    return np.clip(ndtri((rank + 0.5) / n), -2.5, 2.5)
-
-
-@dataclass(frozen=True, eq=False)
-class Side:
-    """One survey as the evidence sees it."""
-
-    features: FeatureSet
-    footprint: Footprint
-    confidence_class: IntArray
-    scores: dict[str, FloatArray]
-
-    @classmethod
-    def of(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
-        """Prepare a survey: what is needed again for every placement, remembered as long as its features live."""
-        remembered = _SIDES.setdefault(features, {})
-        if (reach, names) not in remembered:
-            remembered[reach, names] = cls._prepared(features, reach, names, threads)
-        return remembered[reach, names]
-
-    @classmethod
-    def _prepared(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
-        values = {"area": np.log(features.area), "confidence": features.confidence, **features.attributes}
-        scores = {name: local_scores(features.xy, values[name], features.tree, threads) for name in names}
-        edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)
-        return cls(features, Footprint.of(features.xy, reach), np.searchsorted(edges, features.confidence), scores)
-
-
-_SIDES: WeakKeyDictionary[FeatureSet, dict[tuple[float, tuple[str, ...]], Side]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)

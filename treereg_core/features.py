@@ -151,6 +151,11 @@ class FeatureSet:
         return cKDTree(self.xy)
 
     @cached_property
+    def derived(self) -> dict[Any, Any]:
+        """What others derive from these trees and will want again, by a key of their own; it goes when the trees go."""
+        return {}
+
+    @cached_property
     def spacing(self) -> float:
         """Median distance to the nearest other tree, metres; 0 when no two trees stand apart."""
         if len(self) < 2:

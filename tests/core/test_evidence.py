@@ -7,9 +7,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from tests.core.orchards import alike, grid, off_by, pair_of, truth_of
-from treereg_core.evidence import Evidence, Match, Statistics, local_scores, mean_statistics
+from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
 from treereg_core.features import FeatureSet
 from treereg_core.pair import Pair
+from treereg_core.side import local_scores
 from treereg_core.testing import scenes
 from treereg_core.transform import FloatArray, Model, Rigid
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from treereg_core import io
-from treereg_core.evaluator import Problem, Truth
+from treereg_core.evaluator import Problem
 from treereg_core.result import Result, trees
 from treereg_core.survey import Survey
+from treereg_core.truth import Truth
 
 DEMONSTRATION = "demonstration"
 

@@ -17,7 +17,7 @@ import pytest
 from treereg_core import io, register
 from treereg_core.cli import main
 from treereg_core.errors import UsageError
-from treereg_core.simulate import Scene, simulate, write_simulation
+from treereg_core.simulate import Scene, simulate, simulate_family, write_simulation
 
 Output = pytest.CaptureFixture[str]
 CLEAR = Scene(trees=500, jitter=0.1, area_persistence=0.9, shift_sd=8.0, rotation_sd=3.0)
@@ -359,3 +359,11 @@ def test_more_threads_than_processors_are_no_more_than_processors(
     monkeypatch.setattr("treereg_core.api.starts", lambda *given: asked.append(given[-1].threads) or ())
     register(*surveys(orchard), threads=1_000_000_000)
     assert asked == [os.cpu_count()]
+
+
+@pytest.mark.parametrize("family", ["periodic_crops", "periodic_turn"])
+def test_a_lattice_from_files_is_ambiguous_against_itself(family: str) -> None:
+    """The rounding of coordinates gives each crown an area of its own; it must not be taken for evidence."""
+    write_simulation(simulate_family(family, 1), Path("lattice"))
+    assert main(["run", "lattice/reference", "lattice/reference", "-q"]) == 3
+    assert read(Path("treereg-out/registration.json"))["verdict"] == "ambiguous"

@@ -305,6 +305,20 @@ def test_areas_and_centroids_are_exact_far_from_the_origin_of_the_crs(tmp_path):
     point = np.array([[50.123, 20.456]])
     features = [*trees(), feature(polygon(square(point[0], 0.5)), confidence=1)]
     found = read_survey(survey(tmp_path / "s", features), frame=FRAME).features
-    assert found.area[-1] == pytest.approx(0.25, abs=1e-6)
+    assert found.area[-1] == pytest.approx(0.25, rel=1e-3)
     np.testing.assert_allclose(found.xy[-1:], point, atol=1e-6)
     np.testing.assert_allclose(lonlat(found.xy[-1:] + ORIGIN), lonlat(point + ORIGIN), atol=1e-12)
+
+
+def test_equal_crowns_stay_equal_through_a_file(tmp_path):
+    from treereg_core.simulate import Scene, simulate, write_simulation
+
+    lattice = Scene(trees=200, periodic=True, missed=0, false=0, split=0, merged=0)
+    write_simulation(simulate(lattice, 1), tmp_path)
+    assert len(set(read_survey(tmp_path / "reference").features.area)) == 1
+
+
+def test_areas_are_kept_to_a_thousandth(tmp_path):
+    features = [feature(polygon(square((10 * i, 0), side=1 + 0.37 * i))) for i in range(8)]
+    areas = read_survey(survey(tmp_path / "s", features)).features.area
+    np.testing.assert_allclose(areas, [(1 + 0.37 * i) ** 2 for i in range(8)], rtol=1.1e-3)

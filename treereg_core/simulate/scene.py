@@ -86,8 +86,8 @@ class Scene(BaseModel):
     # How the source is misplaced
     rotation: float | Literal["any"] | None = Field(
         None,
-        description="how far the source is turned about the orchard's centre, counter-clockwise; any: uniform; without it "
-        "drawn with --rotation-sd",
+        description="how far the source is turned about the orchard's centre, counter-clockwise; any: uniform; "
+        "without it drawn with --rotation-sd",
         json_schema_extra=_DEGREES,
     )
     rotation_sd: float = Field(1.0, ge=0, description="sd of a drawn rotation", json_schema_extra=_DEGREES)

@@ -20,9 +20,10 @@ Spectrum = NDArray[np.complex64]
 COARSE_CELL = 4 / 3
 # Cells from which threads gain more than they cost.
 WORTH_THREADS = 1_000_000
-# A shift must let so many trees, and this share of the smaller survey, meet.
+# A shift must let so many trees, and this share of the smaller survey, meet; of a handful of trees a good part.
 LEAST_TREES = 8.0
 LEAST_COMMON = 0.04
+FEW_COMMON = 0.35
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ class Correlator:
             np.clip(side.features.confidence / max(float(side.features.confidence.mean()), 1e-9), 0.3, 1.5)
             for side in sides
         ]
-        self.least = max(LEAST_TREES, LEAST_COMMON * min(float(w.sum()) for w in self.weights))
+        smaller = min(float(w.sum()) for w in self.weights)
+        self.least = max(min(LEAST_TREES, FEW_COMMON * smaller), LEAST_COMMON * smaller)
 
     def at(self, template: Affine) -> tuple[Peaks, Peaks]:
         """All shifts worth a look for the linear part of `template`, and for that and a half turn."""

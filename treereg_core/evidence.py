@@ -20,6 +20,8 @@ from treereg_core.transform import Affine, FloatArray, Model
 
 # So many pairs of a placement count as much as what is known of decoys.
 CHANCE_PAIRS = 20
+# Metres: no detector places a tree better, and what is finer in a file is its rounding.
+RESOLUTION = 0.02
 # The largest correlation that is believed.
 SURE = 0.9
 
@@ -176,7 +178,7 @@ class Evidence:
         return Statistics(
             rate(self.reference, match.covered_reference, match.reference),
             rate(self.source, match.covered_source, match.source),
-            float((match.distance**2).sum() + 0.02 * self.gate**2) / (2 * k + 2),
+            float((match.distance**2).sum() + 0.02 * self.gate**2) / (2 * k + 2) + RESOLUTION**2,
             correlation,
             k,
         )

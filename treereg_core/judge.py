@@ -28,6 +28,8 @@ STANDING = 15.0
 PERIODIC = 0.95
 # Against larger log-odds it is no rival that makes a placement doubtful.
 DECISIVE = 20.0
+# A smaller failure probability is doubtful to nobody but who asked for a still smaller one.
+CERTAIN_ENOUGH = 1e-3
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
 
@@ -85,7 +87,7 @@ class Judge(BaseModel):
         if case is None:
             return _failed("No placement was found at which enough trees of the two surveys meet.", before)
         failure = case.failure_probability
-        verdict, reason = _verdict(case, failure, max_failure)
+        verdict, reason = _verdict(case, failure, max_failure, context.georeference_sd)
         if verdict is Verdict.FAILED:
             return _failed(reason, before)
         error = _expected_error(evidence, case, pair, context)
@@ -143,18 +145,24 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
     return _Case(distinct[best], match, decoy, alone, tuple(opponents))
 
 
-def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, str]:
+def _verdict(case: _Case, failure: float, max_failure: float, georeference_sd: float | None) -> tuple[Verdict, str]:
     share = f"{case.match.rate:.0%} of the trees that both surveys cover have a partner"
     if failure <= max_failure:
         return Verdict.ACCEPTED, f"{share}, and {_next_best(case)}."
     if case.stands < STANDING and case.match.rate < PERIODIC:
+        known = (
+            "" if georeference_sd is None else ", or their georeference may be further off than --georeference-sd says"
+        )
         return Verdict.FAILED, (
             f"No placement explains the trees: at the best one {share}, no better than by chance. The surveys may show "
-            "different orchards, or too little of the same one."
+            f"different orchards, or too little of the same one{known}."
         )
-    doubt = "another placement explains the trees about as well"
-    if case.opponents and case.opponents[0][1].log_odds > DECISIVE:
+    if failure <= CERTAIN_ENOUGH:
+        doubt = _next_best(case)
+    elif case.opponents and case.opponents[0][1].log_odds > DECISIVE:
         doubt = "the parts of the field do not agree on it, as when one of the maps is bent or a part of it is hidden"
+    else:
+        doubt = "another placement explains the trees about as well"
     return Verdict.AMBIGUOUS, (
         f"{share}, but {doubt}: the chance that this placement is wrong is {failure:.2g}, more than the "
         f"{max_failure:g} allowed. Compare the rivals, or say how far the georeference may be off (--georeference-sd)."
@@ -164,8 +172,9 @@ def _verdict(case: _Case, failure: float, max_failure: float) -> tuple[Verdict, 
 def _next_best(case: _Case) -> str:
     if not case.opponents:
         return "no other placement comes near"
-    times = math.exp(min(case.opponents[0][1].log_odds, math.log(1e6)))
-    return f"the next best placement is {'over a million' if times >= 1e6 else f'{times:,.0f}'} times less likely"
+    log_odds = case.opponents[0][1].log_odds
+    times = "over a million" if log_odds > math.log(1e6) else f"{math.exp(max(log_odds, 0.0)):,.0f}"
+    return f"the next best placement is {times} times less likely"
 
 
 def _expected_error(evidence: Evidence, case: _Case, pair: Pair, context: Context) -> ExpectedError | None:

@@ -61,7 +61,9 @@ class Side:
 
     @classmethod
     def _prepared(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
-        values = {"area": np.log(features.area), "confidence": features.confidence, **features.attributes}
+        # A crown is known to one per cent at best; what is finer in a file is its rounding.
+        area = np.round(np.log(features.area), 2).astype(np.float64)
+        values = {"area": area, "confidence": features.confidence, **features.attributes}
         scores = {name: local_scores(features.xy, values[name], features.tree, threads) for name in names}
         edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)
         return cls(features, Footprint.of(features.xy, reach), np.searchsorted(edges, features.confidence), scores)

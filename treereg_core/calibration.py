@@ -8,8 +8,8 @@ from scipy.special import expit, logit
 TIED = 0.75
 TIE_SLOPE = 6.0
 # A placement that clearly beats its rivals is still wrong so often, less and less beyond this margin.
-CHANCE = 0.06
-TURN = 7.0
+CHANCE = 0.015
+TURN = 11.5
 SLOPE = 0.5
 # The curve goes on, but no trials that were run could tell smaller probabilities apart.
 LEAST_CLAIMED = 1e-6

@@ -17,7 +17,7 @@ def test_a_tie_is_wrong_and_a_clear_lead_is_right():
 
 
 def test_what_is_accepted_by_default_beats_its_rivals_by_far():
-    assert failure_probability(12.0) > 0.001 > failure_probability(16.0)
+    assert failure_probability(14.0) > 0.001 > failure_probability(18.0)
 
 
 @given(MARGINS, MARGINS, st.floats(-100, 100))

@@ -62,7 +62,7 @@ class Side:
     @classmethod
     def _prepared(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
         # A crown is known to one per cent at best; what is finer in a file is its rounding.
-        area = np.round(np.log(features.area), 2).astype(np.float64)
+        area = np.round(np.log(features.area / np.median(features.area)), 2).astype(np.float64)
         values = {"area": area, "confidence": features.confidence, **features.attributes}
         scores = {name: local_scores(features.xy, values[name], features.tree, threads) for name in names}
         edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)

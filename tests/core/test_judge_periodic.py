@@ -122,3 +122,11 @@ class TestSymmetric:
         )
         survey = FeatureSet.of(xy, area=different)
         assert judged(Pair(survey, survey), IDENTITY).verdict is Verdict.ACCEPTED
+
+
+def test_rounding_of_equal_crowns_is_no_evidence_wherever_it_falls() -> None:
+    """Equal crowns that straddle a step of one per cent would seem to differ, and to agree from survey to survey."""
+    xy = grid(20, 25)
+    noise = np.random.default_rng(0).normal(0, 1e-5, len(xy))
+    trees = FeatureSet.of(xy, area=np.exp(1.745 + noise))
+    assert judged(Pair(trees, trees), IDENTITY).verdict is Verdict.AMBIGUOUS

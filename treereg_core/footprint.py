@@ -17,7 +17,7 @@ class Footprint:
     """The ground that a survey's trees cover, gaps and enclosed holes included, on a grid.
 
     It ends at the outermost trees: what lies outside may be another orchard, a road, or simply not flown, so that
-    nothing may be concluded from a tree that is missing there. `covers` answers for any point. `area` in square metres.
+    nothing may be concluded from a tree that is missing there. `covers` answers for any point.
     """
 
     origin: FloatArray
@@ -44,11 +44,6 @@ class Footprint:
         near = ndimage.distance_transform_edt(free) <= reach / cell
         closed = ndimage.distance_transform_edt(near) >= 0.9 * reach / cell
         return cls(origin, cell, ndimage.binary_fill_holes(closed))
-
-    @property
-    def area(self) -> float:
-        """Square metres."""
-        return float(self.mask.sum()) * self.cell**2
 
     @property
     def points(self) -> FloatArray:

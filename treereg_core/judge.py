@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from treereg_core.calibration import failure_probability
 from treereg_core.comparison import Comparison, compare, standing
-from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
+from treereg_core.evidence import Evidence, Match, mean_statistics
 from treereg_core.expected_error import expected_error, fit_covariance
 from treereg_core.judgement import ExpectedError, Judgement, Matches, Rival, Verdict
 from treereg_core.method import Context, Registration
@@ -28,6 +28,8 @@ STANDING = 15.0
 PERIODIC = 0.95
 # Against larger log-odds it is no rival that makes a placement doubtful.
 DECISIVE = 20.0
+# Against smaller ones a rival explains the trees about as well.
+TIED = 5.0
 # A smaller failure probability is doubtful to nobody but who asked for a still smaller one.
 CERTAIN_ENOUGH = 1e-3
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
@@ -39,7 +41,6 @@ class _Case:
 
     registration: Registration
     match: Match
-    decoy: Statistics
     alone: Comparison
     opponents: tuple[tuple[Affine, Comparison], ...]
 
@@ -142,7 +143,7 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
         alone = alone.plus(
             log_prior_at_home(match.transform, pair.source, context.georeference_sd, evidence.spacing / 2)
         )
-    return _Case(distinct[best], match, decoy, alone, tuple(opponents))
+    return _Case(distinct[best], match, alone, tuple(opponents))
 
 
 def _verdict(case: _Case, failure: float, max_failure: float, georeference_sd: float | None) -> tuple[Verdict, str]:
@@ -161,6 +162,8 @@ def _verdict(case: _Case, failure: float, max_failure: float, georeference_sd: f
         doubt = _next_best(case)
     elif case.opponents and case.opponents[0][1].log_odds > DECISIVE:
         doubt = "the parts of the field do not agree on it, as when one of the maps is bent or a part of it is hidden"
+    elif case.opponents and case.opponents[0][1].log_odds > TIED:
+        doubt = "the trees are too few, or say too little, to be sure of it"
     else:
         doubt = "another placement explains the trees about as well"
     return Verdict.AMBIGUOUS, (

@@ -18,7 +18,7 @@ def summary(result: Result, out: Path, files: Iterable[str], true_error_m: float
         centroid = trees(result.source).xy.mean(axis=0, keepdims=True)
         east, north = (said.transform(centroid) - centroid)[0]
         rows["source moved"] = (
-            f"{east:+.3f} m east, {north:+.3f} m north, turned {said.transform.rotation_deg:+.4f} deg"
+            f"{east:+z.3f} m east, {north:+z.3f} m north, turned {said.transform.rotation_deg:+z.4f} deg"
         )
     used = min(len(trees(result.reference)), len(trees(result.source)))
     rows["trees matched"] = f"{in_words(said.matches, used)} (before: {in_words(said.before, used)})"

@@ -88,17 +88,20 @@ def _small(trees: int, **settings: Any) -> Callable[[np.random.Generator], Scene
     return lambda rng: Scene(**{**_orchard(rng), "trees": trees, "holes": int(rng.integers(0, 2)), **settings})
 
 
-def _dense(rng: np.random.Generator) -> Scene:
-    settings = {
-        "trees": round(8000 * rng.uniform(0.95, 1.05)),
-        "row_spacing": 3.5 * rng.uniform(0.95, 1.1),
-        "spacing": 1.5 * rng.uniform(0.95, 1.1),
-        "planting_jitter": rng.uniform(0.07, 0.12),
-        "jitter": 0.15,
-        "split": 0.02,
-        "merged": 0.03,
-    }
-    return Scene(**{**_orchard(rng), **settings, **_FAR})
+def _dense(trees: int, split: float, merged: float) -> Callable[[np.random.Generator], Scene]:
+    def scene(rng: np.random.Generator) -> Scene:
+        settings = {
+            "trees": round(trees * rng.uniform(0.95, 1.05)),
+            "row_spacing": 3.5 * rng.uniform(0.95, 1.1),
+            "spacing": 1.5 * rng.uniform(0.95, 1.1),
+            "planting_jitter": rng.uniform(0.07, 0.12),
+            "jitter": 0.15,
+            "split": split,
+            "merged": merged,
+        }
+        return Scene(**{**_orchard(rng), **settings, **_FAR})
+
+    return scene
 
 
 def _square(rng: np.random.Generator) -> Scene:
@@ -108,6 +111,29 @@ def _square(rng: np.random.Generator) -> Scene:
 
 def _curved(rng: np.random.Generator) -> Scene:
     return Scene(**{**_orchard(rng), "curve": rng.uniform(6, 20), **_FAR})
+
+
+def _paths(rng: np.random.Generator) -> Scene:
+    settings = {"paths": int(rng.integers(2, 4)), "path_width": rng.uniform(4, 7)}
+    return Scene(**{**_orchard(rng), **settings, **_FAR})
+
+
+def _contour(rng: np.random.Generator) -> Scene:
+    return Scene(**{**_orchard(rng), "contour": rng.uniform(2, 4), **_FAR})
+
+
+def _headlands(rng: np.random.Generator) -> Scene:
+    settings = {"outline": "rectangle", "headlands": int(rng.integers(1, 3))}
+    return Scene(**{**_orchard(rng), **settings, **_FAR})
+
+
+def _double_hedgerow(rng: np.random.Generator) -> Scene:
+    settings = {
+        "row_spacing": 7.0 * rng.uniform(0.95, 1.1),
+        "hedgerow": 2.0 * rng.uniform(0.9, 1.15),
+        "spacing": 2.2 * rng.uniform(0.9, 1.1),
+    }
+    return Scene(**{**_orchard(rng), **settings, **_FAR})
 
 
 def _different(rng: np.random.Generator) -> Scene:
@@ -143,10 +169,20 @@ _ALL = (
     Family("bare_rectangle", "ordinary", "a rectangle with 3 % gaps", _typical(**_BARE, gaps=0.03, **_FAR)),
     Family("overlap_60", "ordinary", "60 % overlap", _typical(overlap=0.6, **_FAR)),
     Family("distortion_035", "ordinary", "a smooth distortion of 0.35 m", _typical(distortion=0.35, **_FAR)),
-    Family("dense_8000", "ordinary", "8,000 trees at 3.5 x 1.5 m", _dense),
+    Family("dense_8000", "ordinary", "8,000 trees at 3.5 x 1.5 m", _dense(8000, split=0.02, merged=0.03)),
     Family("small_150", "ordinary", "150 trees", _small(150, **_FAR)),
     Family("small_150_near", "ordinary", "150 trees, shifts of 3 m sd", _small(150, shift_sd=3.0)),
     Family("square_any", "ordinary", "a square lattice turned any way", _square),
+    Family("paths", "ordinary", "two or three paths across the rows", _paths),
+    Family("contour", "ordinary", "rows that follow a slope, swaying by 2 to 4 m", _contour),
+    Family("headlands", "ordinary", "a rectangle with one or two rows across at both ends", _headlands),
+    Family("double_hedgerow", "ordinary", "staggered double rows, 2 m apart, every 7 m", _double_hedgerow),
+    Family(
+        "dense",
+        "ordinary",
+        "1,500 trees at 3.5 x 1.5 m, 4 % split and 4 % merged",
+        _dense(1500, split=0.04, merged=0.04),
+    ),
     Family(
         "heavy_noise",
         "hard",

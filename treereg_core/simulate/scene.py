@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.config import JsonDict
 
 _METRES: JsonDict = {"unit": "m"}
 _DEGREES: JsonDict = {"unit": "deg"}
+
+FEWEST_BETWEEN_PATHS = 4
+"""Trees of a row, on average, from one path to the next or to the end of the row."""
 
 
 class Scene(BaseModel):
@@ -21,11 +25,39 @@ class Scene(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     # The orchard
-    trees: int = Field(1500, ge=10, le=2_000_000, description="planting positions, roughly; gaps included")
+    trees: int = Field(
+        1500, ge=10, le=2_000_000, description="planting positions, roughly; gaps included, headlands not"
+    )
     row_spacing: float = Field(5.5, gt=0, le=100, description="distance between rows", json_schema_extra=_METRES)
     spacing: float = Field(3.0, gt=0, le=100, description="distance between trees in a row", json_schema_extra=_METRES)
     curve: float = Field(
         0.0, ge=0, le=1000, description="bow of the rows, from the chord to the middle", json_schema_extra=_METRES
+    )
+    contour: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="how far rows that follow a slope sway aside, RMS, in waves of 0.4 to 1.2 times the field's length",
+        json_schema_extra=_METRES,
+    )
+    hedgerow: float = Field(
+        0.0,
+        ge=0,
+        le=50,
+        description="distance between the two staggered rows of a double row, whose centre lines are a row spacing "
+        "apart; 0: single rows",
+        json_schema_extra=_METRES,
+    )
+    paths: int = Field(0, ge=0, le=20, description="lanes across the rows; they end rows, and trees make way for them")
+    path_width: float = Field(
+        5.0,
+        gt=0,
+        le=50,
+        description="how much farther apart a path puts the trees on both sides",
+        json_schema_extra=_METRES,
+    )
+    headlands: int = Field(
+        0, ge=0, le=5, description="rows planted across, a row spacing apart, beyond each of the two ends of the rows"
     )
     outline: Literal["rectangle", "irregular"] = Field(
         "irregular", description="the block's shape: along the rows, or a random polygon turned against them"
@@ -37,13 +69,17 @@ class Scene(BaseModel):
     holes: int = Field(0, ge=0, le=50, description="compact areas without trees, each about 1 % of the orchard")
     periodic: bool = Field(
         False,
-        description="a perfect lattice: straight rows in a rectangle, no planting error, gaps or holes, equal "
-        "crowns and confidences; it has no unique truth",
+        description="a perfect lattice: straight single rows in a rectangle, no planting error, paths, headlands, gaps "
+        "or holes, equal crowns and confidences; it has no unique truth",
     )
 
     # The crowns
     crown_cover: float = Field(
-        0.35, gt=0, le=1, description="median crown area as a share of row spacing x spacing, at most 25 square metres"
+        0.35,
+        gt=0,
+        le=1,
+        description="median crown area as a share of row spacing x spacing (half of it in double rows), at "
+        "most 25 square metres",
     )
     area_variation: float = Field(
         0.3, ge=0, le=2, description="sd of the natural logarithm of measured crown areas, smooth trend aside"
@@ -105,5 +141,30 @@ class Scene(BaseModel):
     )
     same_orchard: bool = Field(True, description="whether both show the same orchard; if not, there is no truth")
     other_scale: float = Field(
-        1.0, gt=0, le=10, description="factor on both spacings in the source's orchard where that is another one"
+        1.0, gt=0, le=10, description="factor on all spacings in the source's orchard where that is another one"
     )
+
+    @property
+    def rows_together(self) -> int:
+        """Rows in each place of a row: 2 in double rows, else 1."""
+        return 2 if self.hedgerow > 0 else 1
+
+    @model_validator(mode="after")
+    def _rows_keep_apart(self) -> Self:
+        if self.hedgerow > self.row_spacing / 2:
+            raise ValueError(
+                f"The two rows of a hedgerow are {self.hedgerow:g} m apart, more than half the row spacing of "
+                f"{self.row_spacing:g} m: ask for a smaller hedgerow, or for a larger row spacing."
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _pieces_are_rows(self) -> Self:
+        in_a_row = math.sqrt(self.trees / self.rows_together * self.row_spacing / self.spacing)
+        most = max(0, int(in_a_row / FEWEST_BETWEEN_PATHS) - 1)
+        if self.paths > most:
+            raise ValueError(
+                f"Rows of about {in_a_row:.0f} trees are too short for {self.paths} paths: ask for "
+                f"{f'at most {most}, or for' if most else 'none, or for'} more trees."
+            )
+        return self

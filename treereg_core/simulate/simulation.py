@@ -19,6 +19,10 @@ from treereg_core.transform import Affine, FloatArray, Model, Rigid, Transform
 _PERIODIC = {
     "outline": "rectangle",
     "curve": 0.0,
+    "contour": 0.0,
+    "paths": 0,
+    "headlands": 0,
+    "hedgerow": 0.0,
     "planting_jitter": 0.0,
     "gaps": 0.0,
     "holes": 0,
@@ -32,9 +36,10 @@ _PERIODIC = {
 class Trees:
     """The true trees in the reference's frame, ordered by row and along it.
 
-    `xy` (n, 2) metres, `area` (n,) square metres at the time of the reference, `row` (n,) from 0, `column` (n,): the
-    planting position in the row; a number left out is a gap. Where the source shows another orchard, its trees follow
-    those of the reference's, with rows of their own.
+    `xy` (n, 2) metres, `area` (n,) square metres at the time of the reference, `row` (n,) from 0 across the field,
+    headland rows last, `column` (n,): the planting position in the row; a number left out is a gap. Both sides of a
+    path are rows of their own, and so are both rows of a double row. Where the source shows another orchard, its trees
+    follow those of the reference's, with rows of their own.
     """
 
     xy: FloatArray
@@ -120,8 +125,8 @@ def simulate(scene: Scene, seed: int) -> Simulation:
 
     surveyed, surveyed_scene = orchard, scene
     if not scene.same_orchard:
-        spacings = {"row_spacing": scene.row_spacing * scene.other_scale, "spacing": scene.spacing * scene.other_scale}
-        surveyed_scene = scene.model_copy(update=spacings)
+        scaled = {name: scene.other_scale * getattr(scene, name) for name in ("row_spacing", "spacing", "hedgerow")}
+        surveyed_scene = scene.model_copy(update=scaled)
         surveyed = plant(surveyed_scene, elsewhere)
         _, source_view = views(scene, surveyed, elsewhere)
     alive = second.random(len(surveyed.xy)) >= scene.dead

@@ -15,8 +15,8 @@ FIRST_STATION = 0.37
 """How far the first station lies behind the first tree, in distances between stations. Like the shares below, it is one
 that a planted lattice has nowhere, so that rounding decides nothing.
 """
-REACH = 8.3
-"""The widest path that a line of rows goes on across, in distances between trees."""
+REACH = (0.37, 8.3)
+"""The narrowest and the widest path that a line of rows goes on across, in distances between trees."""
 TOLERANCE = 0.47
 """How far to the side a row may go on beyond a path, in distances between rows."""
 TREES_AT_END = 5
@@ -97,13 +97,16 @@ class Course:
 
     @cached_property
     def apart(self) -> float:
-        """The median distance from row to nearest row, metres; that between trees where no two rows are opposite."""
+        """The usual distance from row to nearest row, metres; that between trees where no two rows are opposite.
+
+        A quartile, because rows whose neighbours end early lie opposite others that are farther off.
+        """
         near, far = self.opposite
         gap = np.full((2, len(self.row)), np.inf)
         gap[0, far] = gap[1, near] = self.across[far] - self.across[near]
         nearest = gap.min(axis=0)
         nearest = nearest[np.isfinite(nearest) & (nearest > 0)]
-        return float(np.median(nearest)) if len(nearest) else self.step
+        return float(np.quantile(nearest, 0.25)) if len(nearest) else self.step
 
 
 def _common_bend(row: IntArray, station: IntArray, across: FloatArray, along: FloatArray) -> FloatArray:
@@ -168,7 +171,8 @@ def continued(course: Course) -> list[list[int]]:
 
 def _continuations(course: Course) -> IntArray:
     """Pairs (k, 2) of a row and the one in which it goes on; each row stands on each side once at most."""
-    reach, tolerance = REACH * course.step, TOLERANCE * course.apart
+    least, reach = (share * course.step for share in REACH)
+    tolerance = TOLERANCE * course.apart
     start, stop = course.at_ends[:, 0], course.at_ends[:, 1]
 
     def level(ends: FloatArray, along: FloatArray) -> FloatArray:
@@ -186,9 +190,9 @@ def _continuations(course: Course) -> IntArray:
     gap = course.first[b] - course.last[a]
     half_way = (course.first[b] + course.last[a]) / 2
     aside = np.abs(level(stop[a], half_way) - level(start[b], half_way))
-    fits = (gap > 0) & (aside < tolerance)
+    fits = (gap > least) & (aside < tolerance)
     a, b, cost = a[fits], b[fits], gap[fits] / reach + aside[fits] / tolerance
-    order = np.lexsort((b, a, cost))
+    order = np.lexsort((b, a, np.round(cost, 6)))  # rounding must not choose between two that are equally good
     a, b = a[order], b[order]
     best = np.intersect1d(np.unique(a, return_index=True)[1], np.unique(b, return_index=True)[1])
     return np.column_stack([a[best], b[best]]).astype(np.int64)

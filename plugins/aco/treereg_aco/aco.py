@@ -1,0 +1,112 @@
+"""Planting rows by ant colony optimisation."""
+
+from __future__ import annotations
+
+from math import cos, radians
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import Field
+
+from treereg_core.errors import NoRegistration
+from treereg_core.features import BoolArray, FeatureSet, IntArray
+from treereg_core.method import Context, RowDetector
+from treereg_core.pair import Rows
+
+if TYPE_CHECKING:
+    from treereg_aco.colony import Habits
+    from treereg_aco.frames import Frames
+    from treereg_aco.model import RowModel
+
+# Fewer trees than this are not called rows.
+LEAST_TREES = 6
+# Rows are looked for among all trees, then among those left over, and once more: where some run another way.
+LAYERS = 3
+# So many standard deviations of what errors of planting and detection make of a straight row are a turn of the row; the
+# sharpest turns that are always and ever allowed, degrees.
+TURN = 4.0
+TURNS = (30.0, 90.0)
+
+
+class Aco(RowDetector):
+    """Rows by ant colony optimisation (Simons 2020, section 3.2.2 of treereg's proposal)."""
+
+    name = "aco"
+
+    neighbours: int = Field(4, ge=1, le=8, description="trees from which an ant chooses its next, the nearest (n_p)")
+    ants: int = Field(15, ge=1, le=1000, description="ants in each iteration")
+    iterations: int = Field(15, ge=1, le=1000, description="iterations before the best rows are taken out")
+    elites: int = Field(5, ge=1, le=100, description="rows taken out at a time, the best of the elite set (m_e)")
+    pheromone_power: float = Field(0.5, ge=0, le=5, description="weight of pheromones in an ant's choice (alpha)")
+    heuristic_power: float = Field(0.5, ge=0, le=5, description="weight of the heuristic in an ant's choice (beta)")
+    evaporation: float = Field(0.1, ge=0, lt=1, description="share of pheromones lost in each iteration (p)")
+    deposit_window: int = Field(5, ge=1, le=99, description="steps of a row over which deposits are averaged (q)")
+    distance_weight: float = Field(1.0, ge=0, le=10, description="weight of nearness in the heuristic (w1)")
+    angle_weight: float = Field(0.0, ge=0, le=10, description="weight of straightness in the heuristic (w2)")
+    angle_limit: float | None = Field(
+        None,
+        ge=90,
+        le=180,
+        description="sharpest angle of a row at a tree, 180 being straight; without it chosen from the survey",
+        json_schema_extra={"unit": "deg"},
+    )
+    reach: float = Field(
+        3.4, gt=1, le=6, description="longest step of an ant", json_schema_extra={"unit": "in-row spacings"}
+    )
+
+    def detect(self, features: FeatureSet, context: Context) -> Rows:
+        """The rows of one survey. Raises `NoRegistration` where its trees stand in no rows."""
+        # the order of trees in their file must not matter
+        trees = features.take(np.lexsort((features.ids, features.xy[:, 1], features.xy[:, 0])))
+        rows: list[IntArray] = []
+        for layer in range(LAYERS):
+            try:
+                found, left = self.search(trees, context.rng(self.name, layer))
+            except NoRegistration:
+                if layer == 0:
+                    raise
+                break
+            rows += [trees.ids[row] for row in found]
+            trees = trees.take(left)
+        return Rows(tuple(rows))
+
+    def search(self, trees: FeatureSet, rng: np.random.Generator) -> tuple[list[IntArray], BoolArray]:
+        """Rows as positions of trees in order, and which trees are left over (n,)."""
+        if len(trees) < LEAST_TREES or trees.spacing == 0:
+            raise NoRegistration(f"{len(trees)} trees are too few, or too close together, to show rows")
+        from treereg_aco.colony import search
+        from treereg_aco.frames import row_frames
+        from treereg_aco.ground import Ground, graph_of
+        from treereg_aco.model import evidence, first_model, learned
+
+        frames = row_frames(trees)
+        model = first_model(trees, frames)
+
+        def searched(said: np.ndarray) -> tuple[list[IntArray], BoolArray]:
+            ground = Ground(trees.xy, frames.along, frames.spacing, frames.near, said)
+            graph = graph_of(ground, self.reach, 1.6 * model.half_width, model.across)
+            return search(ground, graph, model, self.habits(model, frames), rng)
+
+        rows, left = searched(np.zeros(len(trees)))
+        model = learned(model, frames, rows, trees.xy)
+        return searched(evidence(trees, ~left))
+
+    def habits(self, model: RowModel, frames: Frames) -> Habits:
+        """The ants' settings, the angle limit chosen from the survey where it is not given."""
+        from treereg_aco.colony import Habits
+
+        turn = TURN * np.degrees(np.sqrt(6) * model.across / np.median(frames.spacing))
+        sharpest = float(np.clip(turn, *TURNS)) if self.angle_limit is None else 180 - self.angle_limit
+        return Habits(
+            ants=self.ants,
+            iterations=self.iterations,
+            elites=self.elites,
+            neighbours=self.neighbours,
+            pheromone_power=self.pheromone_power,
+            heuristic_power=self.heuristic_power,
+            evaporation=self.evaporation,
+            window=self.deposit_window,
+            distance_weight=self.distance_weight,
+            angle_weight=self.angle_weight,
+            turn=cos(radians(sharpest)),
+        )

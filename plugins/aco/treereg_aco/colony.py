@@ -1,0 +1,236 @@
+"""The ant colony, in compiled code: ants make rows, pheromones remember the good ones, the best rows are taken out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from treereg_aco.corridor import best_chain
+from treereg_aco.ground import STEPS, Graph, Ground, step
+from treereg_aco.model import RowModel
+from treereg_core.features import BoolArray, IntArray
+from treereg_core.transform import FloatArray
+
+# Pheromone that every step keeps, so that none is lost for ever.
+LEAST_PHEROMONE = 1e-3
+# By how much trees must be likelier to be a row than to be strangers, natural logarithm.
+LEAST_QUALITY = 6.0
+# Times that a row is sought anew in its own corridor, at most.
+ROUNDS = 4
+
+
+class Habits(NamedTuple):
+    """How the ants behave: the settings of the method. `turn` is the cosine of the sharpest turn of a row."""
+
+    ants: int
+    iterations: int
+    elites: int
+    neighbours: int
+    pheromone_power: float
+    heuristic_power: float
+    evaporation: float
+    window: int
+    distance_weight: float
+    angle_weight: float
+    turn: float
+
+
+class Colony(NamedTuple):
+    """Where the ants are, how they behave and what they have left.
+
+    - `free` (n,): the trees that no row has taken yet.
+    - `met` (n,): the number of the last ant that came by.
+    - `pheromone` (n, 2, STEPS): of the graph's steps; `iteration` (n,): when those of a tree last evaporated. Only the ratio of
+      pheromones of one tree ever counts, so that they need to evaporate only when some are added.
+    """
+
+    ground: Ground
+    graph: Graph
+    model: RowModel
+    habits: Habits
+    free: BoolArray
+    met: IntArray
+    pheromone: FloatArray
+    iteration: IntArray
+
+
+@njit(cache=True)
+def search(
+    ground: Ground, graph: Graph, model: RowModel, habits: Habits, rng: np.random.Generator
+) -> tuple[list[IntArray], BoolArray]:
+    """Rows, each as positions of its trees in order, and which trees are left over (n,).
+
+    In every round ants start from trees that are left and no ant has started from in vain; the best rows of
+    the round are bettered in their corridors and taken out.
+    """
+    n = len(ground.xy)
+    free, met, iteration = np.ones(n, np.bool_), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    colony = Colony(ground, graph, model, habits, free, met, np.ones((n, 2, STEPS)), iteration)
+    rows = [np.empty(0, np.int64)]
+    untried = np.arange(n)
+    in_vain = np.zeros(n, np.bool_)
+    number = 0
+    while len(untried) > 0:
+        best = [np.empty(0, np.int64) for _ in range(habits.elites)]
+        quality = np.full(habits.elites, -np.inf)
+        for ant in range(habits.iterations * habits.ants):
+            start = untried[rng.integers(0, len(untried))]
+            whole, heuristic = construct(start, colony, ant + number, rng)
+            first, after, worth = likeliest_part(whole, ground, model)
+            if worth < LEAST_QUALITY:
+                in_vain[start] = True
+                continue
+            row = whole[first:after]
+            deposit(row, heuristic[first : after - 1], colony, (ant + number) // habits.ants)
+            keep_if_better(row, worth, best, quality)
+        number += habits.iterations * habits.ants
+        for k in np.argsort(-quality):
+            row = bettered(best[k], ground, model, free)
+            if len(row) > 0:
+                free[row] = False
+                rows.append(row)
+            in_vain[best[k]] = True
+        untried = untried[free[untried] & ~in_vain[untried]]
+    return rows[1:], free
+
+
+@njit(cache=True)
+def construct(start: int, colony: Colony, ant: int, rng: np.random.Generator) -> tuple[IntArray, FloatArray]:
+    """The row (k,) of an ant, which goes one way from its start, turns and goes the other; heuristics (k - 1,)."""
+    colony.met[start] = ant + 1
+    ahead, ahead_heuristic = extend(start, 1.0, colony, ant, rng)
+    behind, behind_heuristic = extend(start, -1.0, colony, ant, rng)
+    row = np.concatenate((behind[:0:-1], ahead))
+    return row, np.concatenate((behind_heuristic[:0:-1], ahead_heuristic[1:]))
+
+
+@njit(cache=True)
+def extend(
+    start: int, sense: float, colony: Colony, ant: int, rng: np.random.Generator
+) -> tuple[IntArray, FloatArray]:
+    """The trees on an ant's way from its start to where it finds no further step, and the heuristic of reaching each."""
+    ground, graph, habits = colony.ground, colony.graph, colony.habits
+    trees, heuristics = [start], [0.0]
+    here = start
+    x, y = sense * ground.along[start]
+    place = np.empty(habits.neighbours, np.int64)
+    straight, heuristic, chance = np.empty((3, habits.neighbours))
+    while True:
+        side = 0 if x * ground.along[here, 0] + y * ground.along[here, 1] > 0 else 1
+        count = 0
+        total = 0.0
+        for k in range(STEPS):
+            other = graph.to[here, side, k]
+            if other < 0 or count == habits.neighbours:
+                break
+            if not colony.free[other] or colony.met[other] == ant + 1:
+                continue
+            dx, dy = ground.xy[other] - ground.xy[here]
+            cosine = (dx * x + dy * y) / max(np.hypot(dx, dy), 1e-12)
+            if cosine >= habits.turn:
+                place[count], straight[count] = k, cosine
+                total += graph.distance[here, side, k]
+                count += 1
+        if count == 0:
+            return np.array(trees), np.array(heuristics)
+        for k in range(count):
+            near = 1 - graph.distance[here, side, place[k]] / total if count > 1 else 1.0
+            angle = 1 - np.arccos(min(max(straight[k], -1.0), 1.0)) / np.pi
+            heuristic[k] = habits.distance_weight * near + habits.angle_weight * angle
+            scent = colony.pheromone[here, side, place[k]] ** habits.pheromone_power
+            chance[k] = scent * max(heuristic[k], 1e-9) ** habits.heuristic_power
+            # outside the Pareto set: a step as straight is nearer, and the nearest come first
+            if k > 0 and straight[k] <= straight[:k].max():
+                chance[k] = 0.0
+        chosen = np.searchsorted(np.cumsum(chance[:count]), rng.random() * chance[:count].sum(), side="right")
+        chosen = min(chosen, count - 1)
+        other = graph.to[here, side, place[chosen]]
+        dx, dy = ground.xy[other] - ground.xy[here]
+        length = max(np.hypot(dx, dy), 1e-12)
+        x, y = dx / length, dy / length
+        colony.met[other] = ant + 1
+        trees.append(other)
+        heuristics.append(heuristic[chosen])
+        here = other
+
+
+@njit(cache=True)
+def likeliest_part(row: IntArray, ground: Ground, model: RowModel) -> tuple[int, int, float]:
+    """The part of an ant's way that is likeliest to be a row: where it begins, where it has ended, and its quality.
+
+    Quality is the natural logarithm of how much likelier its trees are to be a row than to be strangers. The paper's
+    quality, the sum of the heuristics, grows with every tree that is dragged in; this one does not.
+    """
+    constant = np.log(model.taken) - np.log(4 * np.pi * model.along * model.across) - np.log(model.strangers)
+    first = best_first = best_after = 0
+    quality = best = 0.0
+    for k in range(1, len(row)):
+        ahead, aside, _ = step(ground, row[k - 1], row[k])
+        spacing = 0.5 * (ground.spacing[row[k - 1]] + ground.spacing[row[k]])
+        positions = max(1.0, np.round(abs(ahead) / spacing))
+        off = (abs(ahead) - positions * spacing) / model.along
+        quality += constant - 0.25 * (off**2 + (aside / model.across) ** 2)
+        quality += (positions - 1) * np.log(1 - model.taken) + ground.evidence[row[k]]
+        if quality <= 0:
+            quality, first = 0.0, k
+        elif quality > best:
+            best, best_first, best_after = quality, first, k + 1
+    return best_first, best_after, best
+
+
+@njit(cache=True)
+def deposit(row: IntArray, heuristic: FloatArray, colony: Colony, iteration: int) -> None:
+    """Leave pheromone on the steps of a row, both ways: the mean of the heuristics about each, weighted by a triangle."""
+    graph, half = colony.graph, (colony.habits.window + 1) // 2
+    for k in range(len(heuristic)):
+        total = weights = 0.0
+        for m in range(max(0, k - half + 1), min(len(heuristic), k + half)):
+            total += (half - abs(m - k)) * heuristic[m]
+            weights += half - abs(m - k)
+        for here, other in ((row[k], row[k + 1]), (row[k + 1], row[k])):
+            left = (1 - colony.habits.evaporation) ** (iteration - colony.iteration[here])
+            colony.iteration[here] = iteration
+            for side in range(2):
+                for place in range(STEPS):
+                    pheromone = max(colony.pheromone[here, side, place] * left, LEAST_PHEROMONE)
+                    added = total / weights if graph.to[here, side, place] == other else 0.0
+                    colony.pheromone[here, side, place] = pheromone + added
+
+
+@njit(cache=True)
+def keep_if_better(row: IntArray, worth: float, best: list[IntArray], quality: FloatArray) -> None:
+    """Put a row into the elite set, in which no two share a tree, if it is better than each that it displaces."""
+    if worth <= quality.min():
+        return
+    trees = set(row)
+    displaced = np.zeros(len(best), np.bool_)
+    for k in range(len(best)):
+        for tree in best[k]:
+            if tree in trees:
+                if quality[k] >= worth:
+                    return
+                displaced[k] = True
+                break
+    for k in np.flatnonzero(displaced):
+        best[k], quality[k] = row[:0], -np.inf
+    worst = np.argmin(quality)
+    best[worst], quality[worst] = row, worth
+
+
+@njit(cache=True)
+def bettered(row: IntArray, ground: Ground, model: RowModel, free: BoolArray) -> IntArray:
+    """The best row in the corridor of an elite one, sought until it stays the same; empty when none is good enough."""
+    nothing = row[:0]
+    if not free[row].all():
+        return nothing
+    worth = -np.inf
+    for _ in range(ROUNDS):
+        if len(row) < 2:
+            return nothing
+        better, worth = best_chain(row, ground, model, free)
+        if len(better) == len(row) and (better == row).all():
+            break
+        row = better
+    return row if len(row) >= 2 and worth >= LEAST_QUALITY else nothing

@@ -1,0 +1,139 @@
+"""A field of row directions grown from windows, so that rows may bend and blocks may differ."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from treereg_aco.waves import PEAKS, window_peaks
+from treereg_core.features import BoolArray, FeatureSet, IntArray
+from treereg_core.transform import FloatArray
+
+# Trees in a window; distance of windows and their largest radius in tree distances.
+WINDOW = 80
+STEP = 4.0
+RADIUS = 8.0
+# Waves that are looked for, per tree distance, and the grid of wave vectors.
+LONGEST, SHORTEST = 1 / 3.4, 1 / 0.75
+GRID = 0.05
+# Trees that stand anywhere reach this power, the highest of hundreds, in one window of a hundred.
+CHANCE = 11.0
+# Neighbouring windows show the same rows when their wave vectors differ by less than this share of their length.
+SAME = 0.3
+# Lines with at least this share of the strongest ones' power can be the rows.
+STRONG = 0.3
+# Line spacings that differ by less than this share are the same, as on a square lattice.
+SQUARE = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows of trees: `centre` (m, 2), the `waves` (m, PEAKS, 2) and `power` (m, PEAKS) in each, nearest windows first.
+
+    `near` (m, k) are the windows around each, itself first.
+    """
+
+    centre: FloatArray
+    waves: FloatArray
+    power: FloatArray
+    near: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """The wave of the rows at each of m places: vectors (m, 2), per metre, and the number of the block (m,)."""
+
+    centre: FloatArray
+    wave: FloatArray
+    block: IntArray
+
+
+def tree_distance(features: FeatureSet) -> float:
+    """Side of the square that a tree has to itself, metres: the median, over trees, of the room of 12 neighbours."""
+    count = min(12, len(features) - 1)
+    distance, _ = features.tree.query(features.xy, k=[count + 1])
+    return float(np.median(distance) * np.sqrt(np.pi / count))
+
+
+def row_field(features: FeatureSet, side: float) -> Field:
+    """The waves of the rows wherever there are rows; no place at all where the trees stand in none.
+
+    `side` is the tree distance. Blocks are grown one after the other, each from its clearest window and from each of
+    that window's waves. The rows are the lines of the widest spacing among the strong ones, since there trees
+    stand closest in line; on a square lattice, those along which the block is longer.
+    """
+    windows = windows_of(features, side)
+    free = np.ones(len(windows.centre), dtype=np.bool_)
+    wave, block = np.zeros((len(free), 2)), np.full(len(free), -1, dtype=np.int64)
+    number = 0
+    while True:
+        seed = int(np.argmax(np.where(free, windows.power[:, 0], 0)))
+        if not free[seed] or windows.power[seed, 0] < CHANCE:
+            break
+        grown = [grow(windows, seed, peak, free) for peak in range(PEAKS) if windows.power[seed, peak] >= CHANCE]
+        most = max(power.sum() for _, power in grown)
+        chosen, power = widest(windows.centre, [(w, p) for w, p in grown if p.sum() >= STRONG * most])
+        inside = power > 0
+        wave[inside], block[inside] = chosen[inside], number
+        free &= ~inside
+        number += 1
+    seen = block >= 0
+    return Field(windows.centre[seen], wave[seen], block[seen])
+
+
+def windows_of(features: FeatureSet, side: float) -> Windows:
+    """Overlapping windows over all trees, and the waves in each."""
+    cell = np.floor((features.xy - features.xy.min(axis=0)) / (STEP * side)).astype(np.int64)
+    which = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
+    count = np.bincount(which)
+    centre = np.column_stack([np.bincount(which, x) / count for x in features.xy.T])
+    size = min(WINDOW, len(features))
+    distance, members = features.tree.query(centre, k=list(range(1, size + 1)), distance_upper_bound=RADIUS * side)
+    members = np.where(np.isfinite(distance), members, -1)
+    waves, power = window_peaks(features.xy, centre, members, GRID / side, LONGEST / side, SHORTEST / side)
+    near = cKDTree(centre).query(centre, k=list(range(1, min(9, len(centre)) + 1)))[1]
+    return Windows(centre, waves, power, near)
+
+
+def grow(windows: Windows, seed: int, peak: int, free: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """The waves (m, 2) of one block and their power (m,), 0 where it does not reach.
+
+    From one wave of one window outward, the clearest first: each window takes of its own waves the one most like what
+    its neighbours took, if there is one.
+    """
+    wave, power = np.zeros((len(free), 2)), np.zeros(len(free))
+    waiting = [(-windows.power[seed, peak], seed, *windows.waves[seed, peak])]
+    while waiting:
+        negative, here, x, y = heapq.heappop(waiting)
+        if power[here] > 0:
+            continue
+        wave[here], power[here] = (x, y), -negative
+        for other in windows.near[here]:
+            if not free[other] or power[other] > 0:
+                continue
+            grown = windows.near[other][power[windows.near[other]] > 0]
+            expected = wave[grown].mean(axis=0) if len(grown) else wave[here]
+            own = windows.waves[other]
+            own = own * np.where(own @ expected < 0, -1, 1)[:, None]
+            unlike = np.hypot(*(own - expected).T) / np.hypot(*expected)
+            worth = np.where(windows.power[other] >= CHANCE, windows.power[other] * (1 - unlike / SAME), 0)
+            best = int(np.argmax(worth))
+            if worth[best] > 0:
+                heapq.heappush(waiting, (-windows.power[other, best], int(other), *own[best]))
+    return wave, power
+
+
+def widest(centre: FloatArray, grown: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
+    """Of several families of lines through one block the one of the widest spacing; among equals the longest lines."""
+    spacing, extent = [], []
+    for wave, power in grown:
+        inside = power > 0
+        length = np.hypot(*wave[inside].T)
+        spacing.append(np.median(1 / length))
+        normal = (wave[inside] / length[:, None]).mean(axis=0)
+        extent.append(float(np.std(centre[inside] @ np.array([-normal[1], normal[0]]))))
+    alike = [k for k in range(len(grown)) if spacing[k] >= (1 - SQUARE) * max(spacing)]
+    return grown[max(alike, key=lambda k: extent[k])]

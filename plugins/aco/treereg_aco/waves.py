@@ -1,0 +1,95 @@
+"""Waves that an orchard makes: the structure factor of its trees in small windows, and its highest peaks."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from treereg_core.features import IntArray
+from treereg_core.transform import FloatArray
+
+# Peaks kept for each window.
+PEAKS = 6
+
+
+@njit(cache=True)
+def window_peaks(
+    xy: FloatArray, centre: FloatArray, members: IntArray, step: float, low: float, high: float
+) -> tuple[FloatArray, FloatArray]:
+    """Wave vectors (m, PEAKS, 2), per metre, and powers (m, PEAKS) of the highest peaks in each of m windows.
+
+    `members` (m, k) are positions in `xy` (n, 2), -1 for none. The power at a wave vector is |sum exp(2 pi i k.x)|^2 over
+    the number of trees: 1 on average for trees anywhere, the number of trees for a perfect lattice. It is searched on a
+    grid of wave vectors `step` apart, of lengths `low` to `high` per metre. Peaks stand highest first; missing ones are 0.
+    """
+    half = int(np.ceil(high / step)) + 1
+    waves = np.zeros((len(members), PEAKS, 2))
+    powers = np.zeros((len(members), PEAKS))
+    x_wave = np.empty(2 * half + 1, np.complex128)
+    for window in range(len(members)):
+        total = np.zeros((2 * half + 1, half + 2), np.complex128)
+        count = 0
+        for tree in members[window]:
+            if tree < 0:
+                continue
+            count += 1
+            x, y = xy[tree] - centre[window]
+            for column in range(-half, half + 1):
+                x_wave[column + half] = np.exp(2j * np.pi * column * step * x)
+            turn = np.exp(2j * np.pi * step * y)
+            y_wave = np.conj(turn)
+            for row in range(half + 2):
+                total[:, row] += x_wave * y_wave
+                y_wave *= turn
+        if count >= 6:
+            power = np.abs(total) ** 2 / count
+            waves[window], powers[window] = highest(power, step, low, high)
+    return waves, powers
+
+
+@njit(cache=True)
+def highest(power: FloatArray, step: float, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+    """The highest peaks of one window; `power` is over x from -half to half steps and y from -1 to half."""
+    half = power.shape[0] // 2
+    waves = np.zeros((PEAKS, 2))
+    powers = np.zeros(PEAKS)
+    for column in range(1, 2 * half):
+        for row in range(1, half + 1):
+            here = power[column, row]
+            along_x, along_y = (column - half) * step, (row - 1) * step
+            length = np.hypot(along_x, along_y)
+            if length < low or length > high or here <= powers[-1] or (row == 1 and column < half):
+                continue
+            if here < power[column - 1 : column + 2, row - 1 : row + 2].max():
+                continue
+            place = PEAKS - 1
+            while place > 0 and powers[place - 1] < here:
+                powers[place], waves[place] = powers[place - 1], waves[place - 1]
+                place -= 1
+            powers[place] = here
+            waves[place, 0] = along_x + step * summit(power[column - 1, row], here, power[column + 1, row])
+            waves[place, 1] = along_y + step * summit(power[column, row - 1], here, power[column, row + 1])
+    return waves, powers
+
+
+@njit(cache=True)
+def summit(before: float, here: float, after: float) -> float:
+    """Where the parabola through three neighbouring values has its top, in steps from the middle one."""
+    bend = before - 2 * here + after
+    return 0.0 if bend >= 0 else min(max((before - after) / (2 * bend), -0.5), 0.5)
+
+
+@njit(cache=True)
+def comb(window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, windows: int) -> FloatArray:
+    """How well steps along rows fit a comb: sum of cos(2 pi f a), (windows, frequencies), over the pairs of each window.
+
+    `window`, `along` (metres) and `weight` are of the pairs (p,); `frequencies` per metre, evenly spaced.
+    """
+    total = np.zeros((windows, len(frequencies)))
+    for pair in range(len(window)):
+        turn = np.exp(2j * np.pi * (frequencies[1] - frequencies[0]) * along[pair])
+        wave = weight[pair] * np.exp(2j * np.pi * frequencies[0] * along[pair])
+        for k in range(len(frequencies)):
+            total[window[pair], k] += wave.real
+            wave *= turn
+    return total

@@ -23,7 +23,8 @@ from treereg_core.method import (
     RowMatcher,
 )
 from treereg_core.pair import MatchedRows, Pair, Rows
-from treereg_core.rows import NearestRows, trees_along_rows
+from treereg_core.row_trees import along_rows
+from treereg_core.rows import NearestRows
 
 NO_MATCHES = np.empty((0, 2), dtype=np.int64)
 
@@ -140,10 +141,6 @@ class Run:
             self.rows[key] = detector.detect(features, self.context)
         return self.rows[key]
 
-    @staticmethod
-    def by_rows(pair: Pair) -> Registration:
-        """The result of an expression without a point matcher: the trees along the rows, where the matcher put them."""
-        pairs = trees_along_rows(pair)
-        if not len(pairs):
-            raise NoRegistration("no trees stand opposite each other along the matched rows")
-        return Registration(pair.reference_from_source, pairs, np.ones(len(pairs)))
+    def by_rows(self, pair: Pair) -> Registration:
+        """The result of an expression without a point matcher: the fit to the trees along the matched rows."""
+        return along_rows(pair, self.context)

@@ -1,103 +1,189 @@
-"""The default row matcher, nearest summed distances, and the trees that stand opposite each other along rows."""
+"""The default row matcher: rows by nearest summed distances, laid on each other as lines, then slid along."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from treereg_core.errors import NoRegistration
-from treereg_core.features import FeatureSet, IntArray
-from treereg_core.method import Context, Registration, RowMatcher
-from treereg_core.pair import Pair, Rows
-from treereg_core.transform import FloatArray
+from treereg_core.evidence import Evidence
+from treereg_core.features import IntArray
+from treereg_core.method import Context, RowMatcher
+from treereg_core.pair import Pair
+from treereg_core.row_laying import Laid, lay
+from treereg_core.row_lines import RowLines
+from treereg_core.row_matching import match_rows
+from treereg_core.row_trees import along_rows
+from treereg_core.screening import screen
+from treereg_core.transform import Affine, FloatArray
+
+# So many trees are asked which line they stand on.
+ON_LINES = 160
+# Placements are tried so many row distances to both sides, so far apart, and drawn onto lines within these distances.
+ASIDE, ASIDE_STEP = 1.5, 0.375
+WIDTHS = (0.26, 0.18, 0.12)
+# A placement is on the lines when they meet as well as this share of the best; so many of them are looked at.
+AS_TIGHT, LINED_UP = 0.8, 3
+# Below this share of trees close to a line no rows meet.
+MEET = 0.15
+# Then so many in-row spacings to both sides along the rows, so far apart.
+ALONG, ALONG_STEP = 3.5, 0.7
+# Screened on so many trees, then the best on more.
+FIRST, LOOKED_AT, SECOND = 200, 8, 1000
+# The search ends with the lines that moved least when one placement scores this much and the next this share of it.
+CLEAR, CLOSE = 30.0, 0.25
+# How far starts usually are off, along in in-row spacings, across in row distances.
+USUAL_ALONG, USUAL_ACROSS = 2.0, 0.7
+# So many placements come back at most, none less likely than the best by this log-likelihood.
+RETURNED, WORSE = 4, 30.0
 
 
 class NearestRows(RowMatcher):
-    """Matches rows by the summed distances of their first, middle and last trees (the proposal's figure 5).
+    """Rows on rows as lines, by summed distances (Chen & Medioni 1992, doi:10.1016/0262-8856(92)90066-C).
 
-    It stands in for a row matcher where an expression has none. Good when the start is right to within half the
-    distance of the rows; beyond that it matches neighbouring rows. Two rows are matched when each is the other's
-    nearest, so that each is used once and a row without a partner stays alone; a row may run either way.
+    It stands in for a row matcher where an expression has none. The rows of the source are laid on those of the
+    reference, which fixes the turn and the shift across; then they are slid along, and single trees tell which of the
+    placements are right: where some are missing, how large their crowns are, how they were planted. Under each such
+    placement rows are matched on the stretch that both have, whichever way they run, however they were cut or split.
+
+    Good when no row begins farther than two fifths of the row distance across, and two trees along, from its true
+    place. From farther off it may end on a neighbouring row.
     """
 
     name = "nearest_rows"
 
     def match(self, pair: Pair, context: Context) -> tuple[Pair, ...]:
-        """The one matching, with the model fitted to the trees along the matched rows."""
+        """The likeliest placement with its rows, and its rivals when the trees leave a choice; each fitted to trees.
+
+        Raises `NoRegistration` when a survey has no rows, when they cross those of the other or lie elsewhere, or when
+        too few trees of matched rows meet.
+        """
         rows = pair.rows
         if rows is None:
             raise NoRegistration("no rows were detected, so none can be matched")
-        distance = summed_distances(
-            three_trees(rows.reference, pair.reference, pair.reference.xy),
-            three_trees(rows.source, pair.source, pair.source_in_reference),
-        )
-        matched = replace(pair, rows=replace(rows, matches=mutual_nearest(distance)))
-        return (matched.at(along_rows(matched, context).transform),)
+        lines = RowLines.of(rows.reference, pair.reference), RowLines.of(rows.source, pair.source)
+        for found, survey in zip(lines, ("reference", "source"), strict=True):
+            if not len(found.trees):
+                raise NoRegistration(
+                    f"the {survey} has no row of two trees that stand apart, so no rows can be matched"
+                )
+        search = _Search(pair, *lines, Evidence(pair.reference, pair.source, context.threads), context)
+        results: list[Pair] = []
+        reason = NoRegistration("no rows meet")
+        for transform in search.placements():
+            matched = replace(pair, rows=replace(rows, matches=match_rows(*lines, transform))).at(transform)
+            try:
+                matched = matched.at(along_rows(matched, context).transform)
+            except NoRegistration as refusal:
+                reason = refusal
+                continue
+            if search.differs(matched.reference_from_source, [result.reference_from_source for result in results]):
+                results.append(matched)
+        if not results:
+            raise reason
+        return tuple(results)
 
 
-def three_trees(rows: Rows, features: FeatureSet, xy: FloatArray) -> FloatArray:
-    """Positions (rows, 3, 2) of the first, middle and last tree of each row; infinite for an empty row."""
-    ends = [[row[0], row[len(row) // 2], row[-1]] if len(row) else [-1, -1, -1] for row in rows.trees]
-    place = features.positions(np.array(ends, dtype=np.int64).reshape(-1, 3))
-    found = place >= 0
-    return np.where(found[..., None], xy[np.where(found, place, 0)] if len(xy) else np.inf, np.inf)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Looks for the placements of two surveys at which their rows, and then their trees, meet."""
+
+    pair: Pair
+    reference: RowLines
+    source: RowLines
+    evidence: Evidence
+    context: Context
+
+    def placements(self) -> list[Affine]:
+        """Distinct placements, likeliest first. Raises `NoRegistration` when no rows meet."""
+        rng = self.context.rng(NearestRows.name)
+        covered = self.evidence.reference.footprint.covers(self.pair.source_in_reference)
+        if not covered[self.source.trees].any():
+            raise NoRegistration("no row of the source lies on the ground of the reference, so none can be matched")
+        asked = _some(rng, np.flatnonzero(covered[self.source.trees]), ON_LINES)
+        common = np.flatnonzero(covered)
+        few, more = _some(rng, common, FIRST), _some(rng, common, SECOND)
+        laid = self.lined_up(asked)
+        ranked: list[tuple[float, Affine]] = []
+        # Most often the lines that moved least are right, and clearly so.
+        for count in sorted({1, len(laid)}):
+            ranked = self.slid(laid.take(np.arange(count)), asked, few, more)
+            if len(ranked) == 1 or (ranked[0][0] > CLEAR and ranked[1][0] < CLOSE * ranked[0][0]):
+                break
+        return [transform for score, transform in ranked[:RETURNED] if score > ranked[0][0] - WORSE]
+
+    def lined_up(self, asked: IntArray) -> Laid:
+        """Distinct placements at which lines lie on lines; those that moved least come first."""
+        start = self._start()
+        aside = np.arange(-ASIDE, ASIDE + 1e-9, ASIDE_STEP) * self.reference.distance
+        widths = tuple(width * self.reference.distance for width in WIDTHS)
+        tried = Laid.of(start, np.outer(aside, self._along() @ [[0, 1], [-1, 0]]))
+        laid = lay(self.reference, self.source, asked, tried, widths)
+        if not laid.tight.max() > MEET:
+            raise NoRegistration("the rows of the two surveys cross each other or lie apart, so none can be matched")
+        placed = laid.transforms()
+        good = np.flatnonzero(laid.tight > AS_TIGHT * laid.tight.max())
+        moved = np.array([self.evidence.apart(start, placed[k]) for k in good])
+        kept: list[int] = []
+        for k in good[np.argsort(moved, kind="stable")].tolist():
+            if len(kept) < LINED_UP and self.differs(placed[k], [placed[other] for other in kept]):
+                kept.append(k)
+        return laid.take(np.array(kept))
+
+    def slid(self, laid: Laid, asked: IntArray, few: IntArray, more: IntArray) -> list[tuple[float, Affine]]:
+        """Distinct placements along the lines, with what speaks for each, likeliest first."""
+        along = np.arange(-ALONG, ALONG + 1e-9, ALONG_STEP) * self.reference.spacing
+        widths = tuple(width * self.reference.distance for width in WIDTHS[-2:])
+        tried = laid.moved(np.outer(along, self._along()))
+        tried = lay(self.reference, self.source, asked[::2], tried, widths)
+        screened = screen(self.evidence, tried.transforms(), few)
+        best = self._distinct(screened.transforms, screened.score)[:LOOKED_AT]
+        screened = screen(self.evidence, tuple(t for _, t in best), more)
+        score = screened.score - self._strangeness(screened.transforms, asked)
+        return self._distinct(screened.transforms, score)
+
+    def differs(self, transform: Affine, others: list[Affine]) -> bool:
+        """Whether a placement puts the trees elsewhere than all others."""
+        return all(self.evidence.apart(transform, other) > self.evidence.gate for other in others)
+
+    def _distinct(self, transforms: tuple[Affine, ...], score: FloatArray) -> list[tuple[float, Affine]]:
+        """Distinct ones of these placements, best first, each with its score."""
+        kept: list[tuple[float, Affine]] = []
+        for k in np.argsort(-score, kind="stable").tolist():
+            if self.differs(transforms[k], [other for _, other in kept]):
+                kept.append((float(score[k]), transforms[k]))
+        return kept
+
+    def _strangeness(self, transforms: tuple[Affine, ...], asked: IntArray) -> FloatArray:
+        """How unusual it is that a start was off by so much: minus the logarithm of its probability, (k,)."""
+        points, start = self.source.smooth[asked], self.pair.reference_from_source
+        tangent = self.source.tangent[asked] @ start.linear.T
+        tangent /= np.hypot(*tangent.T)[:, None]
+        away = np.array([transform(points) for transform in transforms]) - start(points)
+        along = (away * tangent).sum(axis=2)
+        square = (away**2).sum(axis=2)
+        usual_along, usual_across = USUAL_ALONG * self.reference.spacing, USUAL_ACROSS * self.reference.distance
+        odd = along**2 / usual_along**2 + np.maximum(square - along**2, 0) / usual_across**2
+        return np.asarray(odd.mean(axis=1) / 2)
+
+    def _along(self) -> FloatArray:
+        """The direction (2,) that rows of the source have in common, in the reference's frame."""
+        tangent = self.source.tangent @ self.pair.reference_from_source.linear.T
+        return np.asarray(np.linalg.eigh(tangent.T @ tangent)[1][:, 1])
+
+    def _start(self) -> Affine:
+        """The pair's placement as one of the kind that is fitted."""
+        start, model = self.pair.reference_from_source, self.context.model
+        if isinstance(start, model.kind):
+            return model.kind.from_matrix(start.matrix)
+        points = self.source.smooth
+        try:
+            return model.fit(points, start(points))
+        except ValueError as error:
+            raise NoRegistration(f"the rows of the source are too few to fix a placement: {error}") from None
 
 
-def summed_distances(reference: FloatArray, source: FloatArray) -> FloatArray:
-    """Summed distances (rows, rows), metres, of three trees each, by the better sense; infinite for empty rows."""
-    present = np.logical_and.outer(np.isfinite(reference[:, 0, 0]), np.isfinite(source[:, 0, 0]))
-    a, b = np.nan_to_num(reference, posinf=0)[:, None], np.nan_to_num(source, posinf=0)[None, :]
-    forward = np.linalg.norm(a - b, axis=-1).sum(axis=-1)
-    backward = np.linalg.norm(a - b[:, :, ::-1], axis=-1).sum(axis=-1)
-    return np.where(present, np.minimum(forward, backward), np.inf)
-
-
-def mutual_nearest(distance: FloatArray) -> IntArray:
-    """Pairs (k, 2) of a row and a column each of which is the other's nearest, at a finite distance."""
-    if distance.size == 0:
-        return np.empty((0, 2), dtype=np.int64)
-    column = distance.argmin(axis=1)
-    row = np.arange(len(distance))
-    keep = (distance.argmin(axis=0)[column] == row) & np.isfinite(distance[row, column])
-    return np.column_stack([row[keep], column[keep]]).astype(np.int64)
-
-
-def along_rows(pair: Pair, context: Context) -> Registration:
-    """The model fitted to trees of matched rows that are each other's nearest within their rows.
-
-    Raises `NoRegistration` when no rows are matched, or their trees are fewer than three or do not determine the model.
-    """
-    ids = trees_along_rows(pair)
-    if len(ids) < 3:
-        raise NoRegistration(f"the {len(ids)} trees of the matched rows are too few to fix a placement")
-    reference = pair.reference.xy[pair.reference.positions(ids[:, 0])]
-    source = pair.source.xy[pair.source.positions(ids[:, 1])]
-    try:
-        transform = context.model.fit(source, reference)
-    except ValueError as error:
-        raise NoRegistration(f"the {len(ids)} trees of the matched rows fix no placement: {error}") from None
-    return Registration(transform, ids, np.ones(len(ids)))
-
-
-def trees_along_rows(pair: Pair) -> IntArray:
-    """Ids (n, 2), reference and source, of the trees of matched rows that are each other's nearest in their rows."""
-    if pair.rows is None or not len(pair.rows.matches):
-        return np.empty((0, 2), dtype=np.int64)
-    reference_ids, reference = lifted(pair.rows.reference, pair.rows.matches[:, 0], pair.reference, pair.reference.xy)
-    source_ids, source = lifted(pair.rows.source, pair.rows.matches[:, 1], pair.source, pair.source_in_reference)
-    height = 4 * float(max(np.ptp(np.vstack([reference, source])[:, :2], axis=0).max(), 1.0))
-    reference[:, 2] *= height
-    source[:, 2] *= height
-    partner = np.asarray(cKDTree(source).query(reference)[1])
-    back = np.asarray(cKDTree(reference).query(source)[1])
-    mutual = (back[partner] == np.arange(len(reference))) & (reference[:, 2] == source[partner, 2])
-    return np.column_stack([reference_ids[mutual], source_ids[partner[mutual]]])
-
-
-def lifted(rows: Rows, chosen: IntArray, features: FeatureSet, xy: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Ids (n,) and points (n, 3) of the trees of the chosen rows; the third coordinate tells the matches apart."""
-    ids = np.concatenate([rows.trees[row] for row in chosen])
-    match = np.repeat(np.arange(len(chosen)), [len(rows.trees[row]) for row in chosen])
-    return ids, np.column_stack([xy[features.positions(ids)], match.astype(np.float64)])
+def _some(rng: np.random.Generator, among: IntArray, count: int) -> IntArray:
+    """So many of these positions, or all of them."""
+    return np.sort(rng.choice(among, min(len(among), count), replace=False))

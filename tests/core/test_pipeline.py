@@ -1,4 +1,4 @@
-"""The fold over stages, and the default row matcher."""
+"""The fold over stages."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from tests.core.methods import Columns, Nearest, SameRows, Sure, orchard
 from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet
 from treereg_core.method import Context
-from treereg_core.pair import MatchedRows, Pair, Rows
+from treereg_core.pair import Pair
 from treereg_core.pipeline import Clock, Pipeline
-from treereg_core.rows import NearestRows, mutual_nearest, summed_distances, three_trees
 from treereg_core.transform import Model, Rigid
 
 CONTEXT = Context()
@@ -87,53 +86,6 @@ def test_a_pipeline_is_a_value() -> None:
     assert pickle.loads(pickle.dumps(one)) == one
     assert [stage.name for stage in one.stages] == ["columns", "nearest_rows", "nearest"]
     assert one != Pipeline.of([Columns(width=4.0), Nearest()])
-
-
-def with_rows(pair: Pair) -> Pair:
-    rows = [Columns().detect(features, CONTEXT) for features in (pair.reference, pair.source)]
-    return Pair(
-        pair.reference, pair.source, pair.reference_from_source, MatchedRows(rows[0], rows[1], np.empty((0, 2)))
-    )
-
-
-def test_the_default_row_matcher_matches_each_row_once_with_its_own(pair: Pair) -> None:
-    (matched,) = NearestRows().match(with_rows(pair), CONTEXT)
-    assert matched.rows is not None
-    assert sorted(matched.rows.matches[:, 0]) == list(range(6))
-    for i, j in matched.rows.matches:
-        ours, theirs = matched.rows.reference.trees[i], matched.rows.source.trees[j]
-        assert set(ours) == {len(pair.reference) - 1 - tree for tree in theirs}
-    np.testing.assert_allclose(matched.reference_from_source.matrix, MOVE.matrix, atol=1e-6)
-
-
-def test_rows_are_matched_in_either_sense_and_a_row_alone_stays_alone(pair: Pair) -> None:
-    laid = with_rows(pair)
-    assert laid.rows is not None
-    reversed_rows = Rows(tuple(row[::-1] for row in laid.rows.source.trees[1:]))
-    (matched,) = NearestRows().match(
-        Pair(pair.reference, pair.source, rows=MatchedRows(laid.rows.reference, reversed_rows, np.empty((0, 2)))),
-        CONTEXT,
-    )
-    assert matched.rows is not None
-    assert len(matched.rows.matches) == 5
-    np.testing.assert_allclose(matched.reference_from_source.matrix, MOVE.matrix, atol=1e-6)
-
-
-def test_summed_distances_by_hand() -> None:
-    reference = np.array([[[0, 0], [0, 3], [0, 6]]], dtype=float)
-    source = np.array([[[1, 6], [1, 3], [1, 0]], [[0, 4], [0, 7], [0, 10]]], dtype=float)
-    np.testing.assert_allclose(summed_distances(reference, source), [[3.0, 12.0]])
-
-
-def test_empty_rows_and_no_rows() -> None:
-    features = FeatureSet.of([[0, 0], [0, 3]])
-    points = three_trees(Rows((np.array([], dtype=np.int64), np.array([0, 1]))), features, features.xy)
-    assert np.isinf(points[0]).all()
-    np.testing.assert_allclose(points[1], [[0, 0], [0, 3], [0, 3]])
-    assert len(mutual_nearest(summed_distances(points, points))) == 1
-    none = MatchedRows(Rows(()), Rows(()), np.empty((0, 2)))
-    with pytest.raises(NoRegistration, match="0 trees of the matched rows"):
-        NearestRows().match(Pair(features, features, rows=none), CONTEXT)
 
 
 def test_the_model_is_the_contexts() -> None:

@@ -1,4 +1,4 @@
-"""Writing what a registration gives: moved features, matches, JSON. Every file is complete or absent."""
+"""Writing what methods give: moved features, matches, rows, JSON. Every file is complete or absent."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import numpy as np
 from treereg_core.errors import InputError
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, crs_name, from_frame, to_frame
-from treereg_core.io.files import collector_paused, read_json, reason
+from treereg_core.io.files import DETECTIONS, SUFFIXES, collector_paused, read_json, reason
 from treereg_core.io.jsontext import json_line, readable
 from treereg_core.io.tables import read_table
 from treereg_core.judgement import Matches
+from treereg_core.pair import Rows
 from treereg_core.survey import Survey
 from treereg_core.transform import Affine, FloatArray
 
@@ -77,6 +78,41 @@ def write_matches(reference: Survey, source: Survey, transform: Affine, matches:
         )
     ]
     write_features(features, path)
+
+
+def write_rows(survey: Survey, rows: Rows, path: Path) -> None:
+    """Write one LineString per row through the centroids of its trees, as GeoJSON in WGS 84.
+
+    Rows are of two trees or more, in the order and sense in which they are to be counted. Properties: `row` and
+    `tree_numbers`, counted from 1, `trees` (indices of the features in the survey's file) and `length_m`, along the
+    line. The folder of `path` is made where there is none. Raises `ValueError` for an unknown id, `InputError` when
+    `path` cannot be written.
+    """
+    features = []
+    for number, row in enumerate(rows.trees, start=1):
+        at = survey.features.positions(row)
+        if (at < 0).any():
+            raise ValueError("a row holds a tree that is not in its survey")
+        xy = survey.features.xy[at]
+        properties = {
+            "row": number,
+            "trees": row.tolist(),
+            "tree_numbers": list(range(1, len(row) + 1)),
+            "length_m": round(float(np.hypot(*np.diff(xy, axis=0).T).sum()), 3),
+        }
+        lonlat = np.round(from_frame(xy, survey.frame), 9).tolist()
+        geometry = {"type": "LineString", "coordinates": lonlat}
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
+    write_features(features, path)
+
+
+def is_survey_file(name: str) -> bool:
+    """Whether a file of this name, in a survey folder, would be read as its detections or its boundary."""
+    return name in {stem + suffix for stem in (*DETECTIONS, "boundary") for suffix in SUFFIXES}
 
 
 def write_features(features: list[dict[str, Any]], path: Path, members: dict[str, Any] | None = None) -> None:

@@ -1,0 +1,105 @@
+"""`treereg rows`: the planting rows of one survey, numbered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from treereg_core import io
+from treereg_core.cli.config import Config, tables
+from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.detection import RowOptions, RowPlan, carry_out, row_plan
+from treereg_core.errors import InputError, NoRegistration, UsageError
+from treereg_core.options import defaults
+from treereg_core.pair import Rows
+from treereg_core.registry import installed
+from treereg_core.settings import merge, parse_assignments, record
+from treereg_core.survey import Survey
+
+DEFAULT_OUT = Path("rows.geojson")
+
+
+def rows(
+    context: typer.Context,
+    survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="Survey folder.")],
+    method: Annotated[
+        str, typer.Option(metavar="EXPR", help="Filters, then a row detector, joined by +.")
+    ] = defaults()["rows"],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The GeoJSON file to write.")] = DEFAULT_OUT,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="One setting; repeatable.")
+    ] = None,
+    config: Config = None,
+    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
+    threads: Annotated[int | None, typer.Option(help="At most this many; default: all processors.")] = None,
+    confidence_property: Annotated[
+        str, typer.Option(metavar="NAME", help="The property that holds the confidence.")
+    ] = "confidence",
+    verbose: Verbose = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the planting rows of one survey; row 1, tree 1 is at the north-west corner."""
+    given = {
+        "method": method,
+        "settings": merge(tables(context), parse_assignments(set_ or ())),
+        "seed": seed,
+        "threads": threads,
+    }
+    plan = settle({name: value for name, value in given.items() if value is not None}, config)
+    check_place(out, overwrite)
+    console.progress("read")
+    read = io.read_survey(survey, confidence_property=confidence_property)
+    for warning in read.warnings:
+        console.warn(warning)
+    try:
+        found = carry_out(plan, read.features, console.progress)
+    except NoRegistration as reason:
+        raise InputError(
+            f"{read.detections} shows no rows ({reason}); give a survey of an orchard that is planted in rows, or "
+            "another --method."
+        ) from reason
+    io.write_rows(read, found, out)
+    if not console.quiet:
+        print(summary(read, found, plan, out))
+
+
+def settle(given: dict[str, object], config: Path | None) -> RowPlan:
+    """The plan of these options; an error says that a configuration file had a word in it."""
+    try:
+        options = record(RowOptions, given, lambda field: f"--{field}")
+        return row_plan(options, installed())
+    except UsageError as error:
+        raise UsageError(f"{error} (options are read from {config} too)" if config else str(error)) from error
+
+
+def check_place(out: Path, overwrite: bool) -> None:
+    """Refuse a place that is no GeoJSON file, that is taken, or where a survey would be read from."""
+    if out.suffix != ".geojson":
+        raise UsageError(f"--out {out}: rows are written as GeoJSON; give a file whose name ends in .geojson.")
+    if io.is_survey_file(out.name):
+        raise UsageError(f"--out {out} would be read as a file of a survey; give it another name.")
+    if out.is_dir():
+        raise UsageError(f"--out {out} is a folder; give the name of a file.")
+    if not overwrite and (out.exists() or out.is_symlink()):
+        raise UsageError(f"{out} is there already; give another file with --out, or replace it with --overwrite.")
+
+
+def summary(survey: Survey, found: Rows, plan: RowPlan, out: Path) -> str:
+    """How many rows and trees, how long and how far apart, and where the file is."""
+    steps = [np.hypot(*np.diff(survey.features.xy[survey.features.positions(row)], axis=0).T) for row in found.trees]
+    lengths = [step.sum() for step in steps]
+    inside = sum(map(len, found.trees))
+    lines = {
+        "method": plan.options.method,
+        "trees in rows": f"{inside} of {len(survey.features)} ({len(survey.features) - inside} in none)",
+        "length of a row": f"{np.median(lengths):.1f} m (median; {min(lengths):.1f} to {max(lengths):.1f} m)",
+        "tree to tree": f"{np.median(np.concatenate(steps)):.2f} m (median)",
+        "file": str(out),
+    }
+    width = max(map(len, lines)) + 2
+    head = f"{len(found)} {'row' if len(found) == 1 else 'rows'}"
+    return "\n".join([head, *(f"  {name.ljust(width)}{text}" for name, text in lines.items())])

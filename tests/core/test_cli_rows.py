@@ -21,7 +21,8 @@ from treereg_core.method import Context, Method, RowDetector
 from treereg_core.options import defaults
 from treereg_core.pair import Rows
 from treereg_core.recipe import Recipe
-from treereg_core.registry import Entry, Registry
+from treereg_core.registry import Entry, Registry, installed
+from treereg_core.simulate import Scene, simulate, write_simulation
 
 Output = pytest.CaptureFixture[str]
 
@@ -284,6 +285,23 @@ def test_without_a_row_detector_it_says_what_to_install(
     monkeypatch.setattr("treereg_core.cli.rows.installed", lambda: bare)
     assert main(["rows", "field", "-q"]) == 2
     assert f"method {defaults()['rows']!r}: " in capsys.readouterr().err
+
+
+def test_the_default_method_finds_and_numbers_the_planted_rows(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("treereg_core.cli.rows.installed", installed)
+    made = simulate(Scene(trees=300, outline="rectangle", missed=0, false=0, split=0, merged=0), 2)
+    write_simulation(made, tmp_path)
+    assert main(["rows", "reference"]) == 0
+    assert f"method           {defaults()['rows']}" in capsys.readouterr().out
+    planted = made.trees.row[made.reference_trees[:, 0]]
+    in_order = [set(planted[line["properties"]["trees"]].tolist()) for line in found()]
+    assert all(len(rows) == 1 for rows in in_order)
+    count = len(np.unique(planted))
+    assert in_order in ([{k} for k in range(count)], [{k} for k in reversed(range(count))])
+    corner = projected(found()[0])[0] - np.mean([xy for line in found() for xy in projected(line)], axis=0)
+    assert corner @ (-1, 1) > 0
 
 
 def test_detect_rows_gives_the_same_as_the_command(field: Path) -> None:

@@ -12,6 +12,7 @@ from treereg_core.errors import NoRegistration
 from treereg_core.features import BoolArray, FeatureSet, IntArray
 from treereg_core.method import Context, RowDetector
 from treereg_core.pair import Rows
+from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
     from treereg_aco.colony import Habits
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 LEAST_TREES = 6
 # Rows are looked for among all trees, then among those left over, and once more: where some run another way.
 LAYERS = 3
+# A step this many times longer than the row's usual one sets the trees beyond it apart, up to so many.
+WIDE, LOOSE = 1.4, 3
 # So many standard deviations of what errors of planting and detection make of a straight row are a turn of the row; the
 # sharpest turns that are always and ever allowed, degrees.
 TURN = 4.0
@@ -58,17 +61,23 @@ class Aco(RowDetector):
         """The rows of one survey. Raises `NoRegistration` where its trees stand in no rows."""
         # the order of trees in their file must not matter
         trees = features.take(np.lexsort((features.ids, features.xy[:, 1], features.xy[:, 0])))
-        rows: list[IntArray] = []
-        for layer in range(LAYERS):
+        rows, free = self.search(trees, context.rng(self.name))
+        for layer in range(1, LAYERS):
+            loose = [loose_ends(row, trees.xy) for row in rows]
+            open_ = free.copy()
+            for row, (first, after) in zip(rows, loose, strict=True):
+                open_[row[:first]] = open_[row[after:]] = True
+            at = np.flatnonzero(open_)
             try:
-                found, left = self.search(trees, context.rng(self.name, layer))
+                found, _ = self.search(trees.take(at), context.rng(self.name, layer))
             except NoRegistration:
-                if layer == 0:
-                    raise
                 break
-            rows += [trees.ids[row] for row in found]
-            trees = trees.take(left)
-        return Rows(tuple(rows))
+            # among strangers short rows are chance
+            long = [at[row] for row in found if len(row) >= LEAST_TREES]
+            taken = np.isin(np.arange(len(trees)), np.concatenate(long)) if long else np.zeros(len(trees), dtype=np.bool_)
+            rows = [row[~taken[row]] for row in rows] + long
+            free &= ~taken
+        return Rows(tuple(trees.ids[row] for row in rows if len(row) > 1))
 
     def search(self, trees: FeatureSet, rng: np.random.Generator) -> tuple[list[IntArray], BoolArray]:
         """Rows as positions of trees in order, and which trees are left over (n,)."""
@@ -110,3 +119,14 @@ class Aco(RowDetector):
             angle_weight=self.angle_weight,
             turn=cos(radians(sharpest)),
         )
+
+
+def loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:
+    """Where a row begins and where it has ended without the few trees at its ends that stand apart from the others.
+
+    They may belong to rows across its end.
+    """
+    steps = np.hypot(*np.diff(xy[row], axis=0).T)
+    wide = np.flatnonzero(steps > WIDE * np.median(steps))
+    head, tail = wide[wide < LOOSE], wide[wide >= max(len(steps) - LOOSE, LOOSE)]
+    return (int(head[-1]) + 1 if len(head) else 0), (int(tail[0]) + 1 if len(tail) else len(row))

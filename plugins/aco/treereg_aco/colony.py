@@ -79,10 +79,10 @@ def search(
             start = untried[rng.integers(0, len(untried))]
             whole, heuristic = construct(start, colony, ant + number, rng)
             first, after, worth = likeliest_part(whole, ground, model)
-            if worth < LEAST_QUALITY:
+            row = whole[first:after]
+            if worth < LEAST_QUALITY or not (row == start).any():
                 in_vain[start] = True
                 continue
-            row = whole[first:after]
             deposit(row, heuristic[first : after - 1], colony, (ant + number) // habits.ants)
             keep_if_better(row, worth, best, quality)
         number += habits.iterations * habits.ants

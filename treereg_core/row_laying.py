@@ -5,6 +5,7 @@ Lines fix the turn and the shift across the rows. Along them nearly nothing is f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,10 +35,10 @@ class Laid:
     tight: FloatArray
 
     @classmethod
-    def of(cls, transform: Affine, steps: FloatArray) -> Laid:
-        """A placement moved by each of the steps (k, 2), metres."""
-        shift = transform.shift + steps
-        return cls(type(transform), np.broadcast_to(transform.linear, (len(steps), 2, 2)), shift, np.zeros(len(steps)))
+    def of(cls, transforms: Sequence[Affine]) -> Laid:
+        """Placements of one kind as they are."""
+        linear, shift = np.array([t.linear for t in transforms]), np.array([t.shift for t in transforms])
+        return cls(type(transforms[0]), linear, shift, np.zeros(len(shift)))
 
     def __len__(self) -> int:
         return len(self.shift)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +17,16 @@ from treereg_core.row_lines import RowLines
 from treereg_core.row_matching import match_rows
 from treereg_core.row_trees import along_rows
 from treereg_core.screening import screen
-from treereg_core.transform import Affine, FloatArray
+from treereg_core.transform import Affine, FloatArray, Rigid
 
 # So many trees are asked which line they stand on.
 ON_LINES = 160
 # Placements are tried so many row distances to both sides, so far apart, and drawn onto lines within these distances.
 ASIDE, ASIDE_STEP = 1.5, 0.375
 WIDTHS = (0.26, 0.18, 0.12)
+# Where lines do not meet so well, or no placement stands clear, starts are turned too: rows end so many row distances
+# to both sides, so far apart.
+SURE, TURNED, TURNED_STEP = 0.7, 1.5, 0.5
 # A placement is on the lines when they meet as well as this share of the best; so many of them are looked at.
 AS_TIGHT, LINED_UP = 0.8, 3
 # Below this share of trees close to a line no rows meet.
@@ -31,7 +35,7 @@ MEET = 0.15
 ALONG, ALONG_STEP = 3.5, 0.7
 # Screened on so many trees, then the best on more.
 FIRST, LOOKED_AT, SECOND = 200, 8, 1000
-# The search ends with the lines that moved least when one placement scores this much and the next this share of it.
+# The search ends with the first look in which one placement scores this much, and the next less than this share of it.
 CLEAR, CLOSE = 30.0, 0.25
 # How far starts usually are off, along in in-row spacings, across in row distances.
 USUAL_ALONG, USUAL_ACROSS = 2.0, 0.7
@@ -104,26 +108,32 @@ class _Search:
         asked = _some(rng, np.flatnonzero(covered[self.source.trees]), ON_LINES)
         common = np.flatnonzero(covered)
         few, more = _some(rng, common, FIRST), _some(rng, common, SECOND)
-        laid = self.lined_up(asked)
         ranked: list[tuple[float, Affine]] = []
-        # Most often the lines that moved least are right, and clearly so.
-        for count in sorted({1, len(laid)}):
-            ranked = self.slid(laid.take(np.arange(count)), asked, few, more)
-            if len(ranked) == 1 or (ranked[0][0] > CLEAR and ranked[1][0] < CLOSE * ranked[0][0]):
+        for laid in self.looks(asked):
+            ranked = self.slid(laid, asked, few, more)
+            if len(ranked) > 1 and ranked[0][0] > CLEAR and ranked[1][0] < CLOSE * ranked[0][0]:
                 break
         return [transform for score, transform in ranked[:RETURNED] if score > ranked[0][0] - WORSE]
 
-    def lined_up(self, asked: IntArray) -> Laid:
-        """Distinct placements at which lines lie on lines; those that moved least come first."""
+    def looks(self, asked: IntArray) -> Iterator[Laid]:
+        """Ever wider looks at where lines lie on lines; most often the first, what moved least, is right."""
         start = self._start()
-        aside = np.arange(-ASIDE, ASIDE + 1e-9, ASIDE_STEP) * self.reference.distance
-        widths = tuple(width * self.reference.distance for width in WIDTHS)
-        tried = Laid.of(start, np.outer(aside, self._along() @ [[0, 1], [-1, 0]]))
-        laid = lay(self.reference, self.source, asked, tried, widths)
+        laid = self.lined_up(start, [start], asked)
+        if laid.tight.max() > SURE:
+            yield laid.take(np.arange(1))
+            yield laid
+        laid = self.lined_up(start, self._turned(start, asked), asked)
         if not laid.tight.max() > MEET:
             raise NoRegistration("the rows of the two surveys cross each other or lie apart, so none can be matched")
+        yield laid
+
+    def lined_up(self, start: Affine, turned: Sequence[Affine], asked: IntArray) -> Laid:
+        """Distinct placements at which lines meet, beside some; what moved least from the start comes first."""
+        aside = np.outer(np.arange(-ASIDE, ASIDE + 1e-9, ASIDE_STEP) * self.reference.distance, self._across())
+        widths = tuple(width * self.reference.distance for width in WIDTHS)
+        laid = lay(self.reference, self.source, asked, Laid.of(turned).moved(aside), widths)
         placed = laid.transforms()
-        good = np.flatnonzero(laid.tight > AS_TIGHT * laid.tight.max())
+        good = np.flatnonzero(laid.tight >= AS_TIGHT * laid.tight.max())
         moved = np.array([self.evidence.apart(start, placed[k]) for k in good])
         kept: list[int] = []
         for k in good[np.argsort(moved, kind="stable")].tolist():
@@ -171,6 +181,18 @@ class _Search:
         """The direction (2,) that rows of the source have in common, in the reference's frame."""
         tangent = self.source.tangent @ self.pair.reference_from_source.linear.T
         return np.asarray(np.linalg.eigh(tangent.T @ tangent)[1][:, 1])
+
+    def _across(self) -> FloatArray:
+        x, y = self._along()
+        return np.array([-y, x])
+
+    def _turned(self, start: Affine, asked: IntArray) -> list[Affine]:
+        """The start turned about the middle of its trees, by angles that move the ends of rows to each side."""
+        points = start(self.source.smooth[asked])
+        centre = points.mean(axis=0)
+        half = max(float(np.abs((points - centre) @ self._along()).max()), self.reference.spacing)
+        ends = np.arange(-TURNED, TURNED + 1e-9, TURNED_STEP) * self.reference.distance
+        return [Rigid.turn(np.degrees(end / half), about=centre) @ start for end in ends]
 
     def _start(self) -> Affine:
         """The pair's placement as one of the kind that is fitted."""

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 LEAST_TREES = 6
 # Rows are looked for among all trees, then among those left over, and once more: where some run another way.
 LAYERS = 3
+# Of rows that run another way so many trees belong to no other row.
+STRANGE = 0.5
 # A step this many times longer than the row's usual one sets the trees beyond it apart, up to so many.
 WIDE, LOOSE = 1.4, 3
 # So many standard deviations of what errors of planting and detection make of a straight row are a turn of the row; the
@@ -54,33 +56,51 @@ class Aco(RowDetector):
         json_schema_extra={"unit": "deg"},
     )
     reach: float = Field(
-        3.4, gt=1, le=6, description="longest step of an ant", json_schema_extra={"unit": "in-row spacings"}
+        3.4, gt=1, le=4.5, description="longest step of an ant", json_schema_extra={"unit": "in-row spacings"}
+    )
+    stitching_reach: float = Field(
+        10.0,
+        ge=0,
+        le=100,
+        description="longest gap over which two pieces of a row are joined",
+        json_schema_extra={"unit": "in-row spacings"},
     )
 
     def detect(self, features: FeatureSet, context: Context) -> Rows:
         """The rows of one survey. Raises `NoRegistration` where its trees stand in no rows."""
         # the order of trees in their file must not matter
         trees = features.take(np.lexsort((features.ids, features.xy[:, 1], features.xy[:, 0])))
-        rows, free = self.search(trees, context.rng(self.name))
+        rows, free, frames = self.search(trees, context.rng(self.name))
+        rows = self.whole(rows, trees.xy, frames)
         for layer in range(1, LAYERS):
-            loose = [loose_ends(row, trees.xy) for row in rows]
-            open_ = free.copy()
-            for row, (first, after) in zip(rows, loose, strict=True):
-                open_[row[:first]] = open_[row[after:]] = True
-            at = np.flatnonzero(open_)
+            loose = free.copy()
+            for row in rows:
+                first, after = without_loose_ends(row, trees.xy)
+                loose[row[:first]] = loose[row[after:]] = True
+            at = np.flatnonzero(loose)
             try:
-                found, _ = self.search(trees.take(at), context.rng(self.name, layer))
+                found, _, frames = self.search(trees.take(at), context.rng(self.name, layer))
             except NoRegistration:
                 break
-            # among strangers short rows are chance
-            long = [at[row] for row in found if len(row) >= LEAST_TREES]
-            taken = np.isin(np.arange(len(trees)), np.concatenate(long)) if long else np.zeros(len(trees), dtype=np.bool_)
-            rows = [row[~taken[row]] for row in rows] + long
+            found = self.whole(found, trees.xy[at], frames)
+            # among strangers short rows are chance, and loose ends stand in line with each other
+            found = [at[row] for row in found if len(row) >= LEAST_TREES and free[at[row]].mean() >= STRANGE]
+            taken = np.isin(np.arange(len(trees)), np.concatenate([*found, np.zeros(0, dtype=np.int64)]))
+            rows = [row for row in (row[~taken[row]] for row in rows) if len(row) > 1] + found
             free &= ~taken
-        return Rows(tuple(trees.ids[row] for row in rows if len(row) > 1))
+        return Rows(tuple(trees.ids[row] for row in rows))
 
-    def search(self, trees: FeatureSet, rng: np.random.Generator) -> tuple[list[IntArray], BoolArray]:
-        """Rows as positions of trees in order, and which trees are left over (n,)."""
+    def whole(self, rows: list[IntArray], xy: FloatArray, frames: Frames) -> list[IntArray]:
+        """The rows with their pieces joined, and ended at paths."""
+        from treereg_aco.paths import ended_at_paths
+        from treereg_aco.stitching import stitched
+
+        if not rows:
+            return rows
+        return ended_at_paths(stitched(rows, xy, frames, self.stitching_reach), xy, frames)
+
+    def search(self, trees: FeatureSet, rng: np.random.Generator) -> tuple[list[IntArray], BoolArray, Frames]:
+        """Rows as positions of trees in order, which trees are left over (n,), and the frames of the rows."""
         if len(trees) < LEAST_TREES or trees.spacing == 0:
             raise NoRegistration(f"{len(trees)} trees are too few, or too close together, to show rows")
         from treereg_aco.colony import search
@@ -98,7 +118,8 @@ class Aco(RowDetector):
 
         rows, left = searched(np.zeros(len(trees)))
         model = learned(model, frames, rows, trees.xy)
-        return searched(evidence(trees, ~left))
+        rows, left = searched(evidence(trees, ~left))
+        return rows, left, frames
 
     def habits(self, model: RowModel, frames: Frames) -> Habits:
         """The ants' settings, the angle limit chosen from the survey where it is not given."""
@@ -121,7 +142,7 @@ class Aco(RowDetector):
         )
 
 
-def loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:
+def without_loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:
     """Where a row begins and where it has ended without the few trees at its ends that stand apart from the others.
 
     They may belong to rows across its end.

@@ -107,9 +107,7 @@ def construct(start: int, colony: Colony, ant: int, rng: np.random.Generator) ->
 
 
 @njit(cache=True)
-def extend(
-    start: int, sense: float, colony: Colony, ant: int, rng: np.random.Generator
-) -> tuple[IntArray, FloatArray]:
+def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Generator) -> tuple[IntArray, FloatArray]:
     """The trees on an ant's way from its start to where it finds no further step, and the heuristic of reaching each."""
     ground, graph, habits = colony.ground, colony.graph, colony.habits
     trees, heuristics = [start], [0.0]

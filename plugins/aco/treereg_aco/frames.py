@@ -80,14 +80,22 @@ class Steps:
 
 
 def steps(xy: FloatArray, along: FloatArray, near: IntArray) -> Steps:
-    """All steps to neighbours, each in the mean of the frames at its two ends."""
-    i, j = np.repeat(np.arange(len(xy)), near.shape[1]), near.ravel()
-    mean = along[i] + along[j] * np.where((along[i] * along[j]).sum(axis=1) < 0, -1, 1)[:, None]
-    mean /= np.hypot(*mean.T)[:, None]
+    """All steps to neighbours."""
+    i = np.repeat(np.arange(len(xy)), near.shape[1])
+    forward, across = between(xy, along, i, near.ravel())
+    return Steps(i, np.abs(forward), across * np.where(forward < 0, -1, 1))
+
+
+def between(xy: FloatArray, along: FloatArray, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:
+    """From trees `i` to trees `j`: metres along the rows, as i's frame looks, and across them, left positive.
+
+    Measured in the mean of the two frames, so that along a bend, which is a circle, nothing is across.
+    """
+    mean = along[i] + along[j] * np.where((along[i] * along[j]).sum(axis=-1) < 0, -1, 1)[..., None]
+    mean /= np.sqrt((mean**2).sum(axis=-1))[..., None]
     vector = xy[j] - xy[i]
-    forward = (vector * mean).sum(axis=1)
-    across = (vector[:, 1] * mean[:, 0] - vector[:, 0] * mean[:, 1]) * np.where(forward < 0, -1, 1)
-    return Steps(i, np.abs(forward), across)
+    forward = (vector * mean).sum(axis=-1)
+    return forward, vector[..., 1] * mean[..., 0] - vector[..., 0] * mean[..., 1]
 
 
 def spacings(field: Field, side: float, place: IntArray, step: Steps, row_spacing: FloatArray) -> FloatArray:

@@ -73,9 +73,7 @@ def learned(model: RowModel, frames: Frames, rows: list[IntArray], xy: FloatArra
     steps_in_rows = [np.maximum(np.round(np.hypot(*np.diff(xy[row], axis=0).T) / spacing), 1) for row in rows]
     positions = max(len(rows) + sum(float(steps.sum()) for steps in steps_in_rows), 1.0)
     ground = positions * spacing * float(np.median(frames.row_spacing))
-    return model._replace(
-        taken=float(np.clip(inside / positions, *TAKEN)), strangers=max(len(xy) - inside, 1) / ground
-    )
+    return model._replace(taken=float(np.clip(inside / positions, *TAKEN)), strangers=max(len(xy) - inside, 1) / ground)
 
 
 def evidence(features: FeatureSet, in_rows: BoolArray) -> FloatArray:

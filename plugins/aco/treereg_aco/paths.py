@@ -1,0 +1,146 @@
+"""Ending rows at paths: lanes for vehicles across the rows, where gaps of many neighbouring rows stand in line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from treereg_aco.frames import Frames
+from treereg_core.features import BoolArray, IntArray
+from treereg_core.transform import FloatArray
+
+# A step so many times longer than the in-row spacing is a gap.
+GAP = 1.35
+# Directions in which a path may run, degrees from straight across the rows.
+OBLIQUE = np.radians(np.arange(-12.0, 12.1, 3.0))
+# The probability that a row has a gap where a path crosses it: a stranger may stand on the path.
+OPEN = 0.93
+# How much likelier than chance a path must be, natural logarithm.
+CERTAIN = 7.0
+# A path is so many times longer than it is wide; a hole in the orchard is not.
+LONGER = 3.0
+# The farthest from one row to the next, in row spacings; beyond it the orchard ends.
+NEXT_ROW = 2.6
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """Points along all rows, half an in-row spacing apart, and the steps from tree to tree that they lie on.
+
+    Of the points: `xy`, the row's direction `along` (p, 2), `row` and `step` (p,). Of the steps: `length` (k,), metres,
+    `gap` (k,), whether it is one, and `middle` (k, 2).
+    """
+
+    xy: FloatArray
+    along: FloatArray
+    row: IntArray
+    step: IntArray
+    length: FloatArray
+    gap: BoolArray
+    middle: FloatArray
+
+    @classmethod
+    def of(cls, rows: list[IntArray], xy: FloatArray, along: FloatArray, spacing: float) -> Way:
+        """The way through all rows; steps are numbered from row to row."""
+        first = np.concatenate([row[:-1] for row in rows])
+        second = np.concatenate([row[1:] for row in rows])
+        row = np.repeat(np.arange(len(rows)), [len(r) - 1 for r in rows])
+        length = np.hypot(*(xy[second] - xy[first]).T)
+        count = np.maximum(np.round(2 * length / spacing).astype(np.int64), 1)
+        step = np.repeat(np.arange(len(first)), count)
+        part = (np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[step]
+        place = xy[first[step]] + part[:, None] * (xy[second[step]] - xy[first[step]])
+        middle = (xy[first] + xy[second]) / 2
+        return cls(place, along[first[step]], row[step], step, length, length > GAP * spacing, middle)
+
+
+def ended_at_paths(rows: list[IntArray], xy: FloatArray, frames: Frames) -> list[IntArray]:
+    """The rows, cut in two wherever a path crosses them."""
+    way = Way.of(rows, xy, frames.along, float(np.median(frames.spacing)))
+    cut = np.zeros(len(way.length), dtype=np.bool_)
+    for _ in range(3):  # gaps that are explained no longer count as chance, which makes further paths plainer
+        found = crossed(way, cut, frames)
+        if not found.any():
+            break
+        cut |= found
+    after = np.cumsum([len(row) - 1 for row in rows])
+    pieces = []
+    for row, here in zip(rows, np.split(cut, after[:-1]), strict=True):
+        pieces += np.split(row, np.flatnonzero(here) + 1)
+    return [piece for piece in pieces if len(piece) > 1]
+
+
+def crossed(way: Way, cut: BoolArray, frames: Frames) -> BoolArray:
+    """Which steps (k,) paths cross that are not cut yet.
+
+    From every gap walkers set out across the rows, in all directions that a path may have. Each row that they come to is
+    evidence for a path or against it; how far the evidence adds up best is how far the path goes.
+    """
+    gap, found = way.gap & ~cut, np.zeros(len(cut), dtype=np.bool_)
+    share = float(way.length[gap].sum() / max(way.length[~cut].sum(), 1e-9))
+    if not gap.any() or share >= OPEN:
+        return found
+    evidence = np.where(gap, np.log(OPEN / share), np.log((1 - OPEN) / (1 - share)))
+    seeds = np.repeat(np.flatnonzero(gap), len(OBLIQUE))
+    oblique = np.tile(OBLIQUE, np.count_nonzero(gap))
+    left, right = (walk(way, evidence, seeds, sense * np.pi / 2 + oblique, frames) for sense in (1.0, -1.0))
+    total = evidence[seeds] + left.evidence + right.evidence
+    long = np.hypot(*(left.end - right.end).T)
+    likely = (total >= CERTAIN + np.log(len(seeds))) & (long >= LONGER * np.median(way.length[gap]))
+    for half in (left, right):
+        walker, step = half.passed
+        found[step[likely[walker] & gap[step]]] = True
+    found[seeds[likely]] = True
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Walks:
+    """How walkers (w,) fared: the `evidence` where it was greatest, the place `end` (w, 2), and the steps `passed` up to it,
+    as numbers of walkers and of steps."""
+
+    evidence: FloatArray
+    end: FloatArray
+    passed: tuple[IntArray, IntArray]
+
+
+def walk(way: Way, evidence: FloatArray, seeds: IntArray, angle: FloatArray, frames: Frames) -> Walks:
+    """Walk from the middles of steps `seeds` (w,) over row after row, at angles (w,) to the rows, radians."""
+    tree = cKDTree(way.xy)
+    place = way.middle[seeds].copy()
+    start = tree.query(place)[1]
+    row, heading = way.row[start].copy(), turned(way.along[start], angle)
+    lane, farthest = frames.lane, NEXT_ROW * max(frames.lane, float(np.median(frames.row_spacing)))
+    since = np.zeros(len(seeds))
+    now, best, end = np.zeros(len(seeds)), np.zeros(len(seeds)), place.copy()
+    history: list[tuple[IntArray, IntArray]] = []
+    best_turn = np.zeros(len(seeds), dtype=np.int64)
+    alive = np.arange(len(seeds))
+    while len(alive):
+        place[alive] += lane / 2 * heading[alive]
+        since[alive] += lane / 2
+        distance, near = tree.query(place[alive])
+        come = (way.row[near] != row[alive]) & (distance <= lane / 2)
+        at, near = alive[come], near[come]
+        across = turned(way.along[near], np.full(len(at), np.pi / 2))
+        place[at] += ((way.xy[near] - place[at]) * across).sum(axis=1)[:, None] * across
+        onward = turned(way.along[near], angle[at])
+        heading[at] = onward * np.where((onward * heading[at]).sum(axis=1) < 0, -1, 1)[:, None]
+        row[at], since[at] = way.row[near], 0
+        now[at] += evidence[way.step[near]]
+        history.append((at, way.step[near]))
+        better = at[now[at] > best[at]]
+        best[better], end[better], best_turn[better] = now[better], place[better], len(history)
+        alive = alive[(since[alive] <= farthest) & (now[alive] > best[alive] - CERTAIN)]
+    turn = np.repeat(np.arange(1, len(history) + 1), [len(at) for at, _ in history])
+    walker, step = (np.concatenate(part) for part in zip(*history, strict=True))
+    kept = turn <= best_turn[walker]
+    return Walks(best, end, (walker[kept], step[kept]))
+
+
+def turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
+    """Vectors (n, 2) turned by angles, radians, counter-clockwise."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]])

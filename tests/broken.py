@@ -352,6 +352,7 @@ HONEST_JUDGE: tuple[tuple[str, str, Method, str], ...] = (
     ("rows", "a_row_is_matched_once", TwiceMatched(), "matched twice"),
     ("rows", "rows_and_trees_stay", TreeLosing(), "were changed"),
     ("rows", "true_rows_are_matched_right", NextRow(), "matches are wrong"),
+    ("rows", "rows_are_found_from_two_trees_along", NotPlacing(), "beside their own"),
     ("rows", "copied_rows_come_back", NotPlacing(), "m off"),
     ("rows", "the_order_and_sense_of_rows_are_irrelevant", ByNumber(), "other rows"),
     ("rows", "swapped_rows_are_matched_the_same", NextRow(), "other rows"),

@@ -18,31 +18,14 @@ from treereg_core.row_matching import match_rows
 from treereg_core.row_trees import along_rows, trees_along_rows
 from treereg_core.rows import NearestRows
 from treereg_core.simulate import Scene, Simulation, simulate
-from treereg_core.testing.scenes import moved, ordinary, row_of_trees, scene, shuffled, true_rows
+from treereg_core.testing.scenes import heading, moved, off, ordinary, row_of_trees, scene, shuffled, true_rows
 from treereg_core.testing.using import plain, seen
-from treereg_core.transform import Affine, FloatArray, Model, Rigid, Similarity
+from treereg_core.transform import Affine, Model, Rigid, Similarity
 
 CONTEXT = Context()
 NO_MATCHES = np.empty((0, 2), dtype=np.int64)
 RIGHT_M = 0.2
 """Far above what a fit to some hundred trees is off by (0.02 m), far below any wrong placement (a tree spacing)."""
-
-
-def heading(simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors along the rows of the reference and across them."""
-    lines = RowLines.of(true_rows(simulation).reference, simulation.reference)
-    along = np.linalg.eigh(lines.tangent.T @ lines.tangent)[1][:, 1]
-    return along, np.array([-along[1], along[0]])
-
-
-def off(simulation: Simulation, spacings: float, rows: float, turn_deg: float = 0.0) -> Pair:
-    """The true rows, so many in-row spacings along and rows across off the truth, turned about the middle."""
-    assert simulation.truth is not None
-    along, across = heading(simulation)
-    shift = spacings * simulation.scene.spacing * along + rows * simulation.scene.row_spacing * across
-    centre = simulation.reference.xy.mean(axis=0)
-    start = Rigid.turn(turn_deg, about=centre, shift=shift) @ simulation.truth
-    return Pair(simulation.reference, simulation.source, start, true_rows(simulation))
 
 
 def rows_of(pair: Pair) -> MatchedRows:
@@ -71,8 +54,10 @@ def test_a_start_two_trees_along_and_two_fifths_of_a_row_across_is_mended(spacin
 
 @pytest.mark.parametrize("turn_deg", [-1.2, 1.2])
 def test_a_start_that_is_turned_is_mended(turn_deg: float) -> None:
-    # Rows end up to 55 m from the middle, so by at most 1.2 m, 0.2 rows, and up to 0.6 of a row more is too much.
-    require_right(ordinary(), off(ordinary(), 1.5, 0.15, turn_deg))
+    # Rows end up to 55 m from the middle, which is 1.2 m across, a fifth of the row spacing.
+    pair = off(ordinary(), 1.5, 0.15)
+    turn = Rigid.turn(turn_deg, about=pair.reference.xy.mean(axis=0))
+    require_right(ordinary(), pair.at(turn @ pair.reference_from_source))
 
 
 @pytest.mark.parametrize("name", ["noisy", "half overlap", "few trees"])

@@ -1,7 +1,8 @@
 """Small, quick scenes with their truth, for the laws and for tests of a method of one's own.
 
-`ordinary(seed)`, `noisy(seed)` and `SCENES` are simulated surveys; `near` starts a pair close to the truth; `copies`
-gives two surveys without any noise; `lattices` and `degenerate` hold what nobody can register.
+`ordinary(seed)`, `noisy(seed)` and `SCENES` are simulated surveys; `near` starts a pair close to the truth, `off` a few
+trees or rows away from it; `copies` gives two surveys without any noise; `lattices` and `degenerate` hold what nobody
+can register.
 """
 
 from __future__ import annotations
@@ -124,6 +125,28 @@ def true_rows(simulation: Simulation) -> MatchedRows:
         Rows(tuple(row[::-1] for row in reversed(source.values()))),
         np.empty((0, 2), dtype=np.int64),
     )
+
+
+def off(simulation: Simulation, spacings: float, rows: float) -> Pair:
+    """The surveys with their true rows, laid so many tree spacings along and so many rows across off the truth.
+
+    It is where a row matcher starts when the files' own georeference is off by a few metres. Raises `ValueError` where
+    there is no truth.
+    """
+    if simulation.truth is None:
+        raise ValueError("this simulation has no true transform to start near")
+    along, across = heading(simulation)
+    shift = spacings * simulation.scene.spacing * along + rows * simulation.scene.row_spacing * across
+    start = Rigid(np.eye(2), shift) @ simulation.truth
+    return Pair(simulation.reference, simulation.source, start, true_rows(simulation))
+
+
+def heading(simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+    """The unit vectors (2,) along the true rows and across them, in the reference's frame; of curved rows the mean."""
+    trees = simulation.trees
+    next_to = (np.diff(trees.row) == 0) & (np.diff(trees.column) == 1)
+    x, y = np.diff(trees.xy, axis=0)[next_to].sum(axis=0)
+    return np.array([x, y]) / np.hypot(x, y), np.array([-y, x]) / np.hypot(x, y)
 
 
 def row_of_trees(simulation: Simulation, features: FeatureSet) -> dict[int, int]:

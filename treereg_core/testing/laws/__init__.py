@@ -61,6 +61,7 @@ ROW_MATCHER: tuple[Law, ...] = (
     rows.a_row_is_matched_once,
     rows.rows_and_trees_stay,
     rows.true_rows_are_matched_right,
+    rows.rows_are_found_from_two_trees_along,
     rows.copied_rows_come_back,
     rows.the_order_and_sense_of_rows_are_irrelevant,
     rows.swapped_rows_are_matched_the_same,

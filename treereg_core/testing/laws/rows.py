@@ -14,7 +14,9 @@ from treereg_core.pair import MatchedRows, Pair, Rows
 from treereg_core.testing.law import law, require
 from treereg_core.testing.scenes import (
     copies,
+    heading,
     moved,
+    off,
     ordinary,
     row_of_trees,
     small_motion,
@@ -111,6 +113,29 @@ def true_rows_are_matched_right(method: RowMatcher) -> None:
     require(right >= 0.8 * rows, f"only {right} of {rows} rows are matched")
     error = simulation.error(placed(result))
     require(error <= pair.reference.spacing / 4, f"the placement by rows is {error:.2f} m off")
+
+
+@law
+def rows_are_found_from_two_trees_along(method: RowMatcher) -> None:
+    """From two trees along the rows and a third of a row across off, most rows find their own and are laid on them.
+
+    Where along them is for the trees to say, and may stay open: rows look the same one tree over.
+    """
+    simulation = ordinary()
+    ours, theirs = (row_of_trees(simulation, survey) for survey in (simulation.reference, simulation.source))
+    rows = min(len(true_rows(simulation).reference), len(true_rows(simulation).source))
+    _, across = heading(simulation)
+    truth = off(simulation, 0, 0).reference_from_source
+    for spacings in (-2.0, 2.0):
+        pair = off(simulation, spacings, 1 / 3)
+        result = use(method, pair)
+        require(not isinstance(result, NoRegistration), f"{spacings:g} trees along it refused: {result}")
+        right = sum(ours[min(a)] == theirs[min(b)] for a, b in seen(result).matches)
+        require(right >= 0.8 * rows, f"{spacings:g} trees along only {right} of {rows} rows find their own")
+        away = (placed(result)(pair.source.xy) - truth(pair.source.xy)) @ across
+        error = float(np.sqrt(np.mean(away**2)))
+        most = simulation.scene.row_spacing / 8
+        require(error <= most, f"{spacings:g} trees along the rows lie {error:.2f} m beside their own")
 
 
 @law

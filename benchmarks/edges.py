@@ -53,8 +53,8 @@ class Edges:
 def compare(rows: Rows, simulation: Simulation, survey: FeatureSet) -> Edges:
     """The edges of rows that were detected in one of the two surveys of a simulation.
 
-    True edges join consecutive trees of a row that the survey shows, one missing tree bridged. An edge along the row over
-    a longer gap, or one that touches a false, split or merged detection, counts neither way.
+    True edges join consecutive trees of a row that the survey shows, one missing tree bridged. An edge along the row
+    over a longer gap, or one that touches a false, split or merged detection, counts neither way.
     """
     shown = simulation.reference_trees if survey is simulation.reference else simulation.source_trees
     whole = whole_trees(shown)
@@ -79,7 +79,7 @@ def whole_trees(shown: IntArray) -> IntArray:
 
 
 def true_edges(simulation: Simulation, shown: IntArray, whole: IntArray) -> tuple[set[Edge], set[Edge]]:
-    """True edges as positions of features, and those that join consecutive whole trees of a row but count neither way."""
+    """True edges as positions of features, and those between consecutive trees of a row that count neither way."""
     row, column = simulation.trees.row, simulation.trees.column
     seen = np.unique(shown[shown >= 0])
     place = set(zip(row[seen].tolist(), column[seen].tolist(), strict=True))

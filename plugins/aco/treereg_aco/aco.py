@@ -119,6 +119,8 @@ class Aco(RowDetector):
         rows, left = searched(np.zeros(len(trees)))
         model = learned(model, frames, rows, trees.xy)
         rows, left = searched(evidence(trees, ~left))
+        if not rows:
+            raise NoRegistration(f"the {len(trees)} trees stand in no rows that can be told from chance")
         return rows, left, frames
 
     def habits(self, model: RowModel, frames: Frames) -> Habits:

@@ -27,6 +27,9 @@ SAME = 0.3
 STRONG = 0.3
 # Line spacings that differ by less than this share are the same, as on a square lattice.
 SQUARE = 0.03
+# A single row has so many trees at least, and they scatter across it by this share of their distance at most.
+LEAST_IN_ROW = 6
+SLENDER = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +83,18 @@ def row_field(features: FeatureSet, side: float) -> Field:
         wave[inside], block[inside] = chosen[inside], number
         free &= ~inside
         number += 1
+    if number == 0:
+        return single_row(features, side)
     seen = block >= 0
     return Field(windows.centre[seen], wave[seen], block[seen])
+
+
+def single_row(features: FeatureSet, side: float) -> Field:
+    """The field of trees that all stand in one straight row, which makes no wave; no place at all where they do not."""
+    _, size, axes = np.linalg.svd(features.xy - features.xy.mean(axis=0), full_matrices=False)
+    if len(features) < LEAST_IN_ROW or size[1] > SLENDER * features.spacing * np.sqrt(len(features)):
+        return Field(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=np.int64))
+    return Field(features.xy[:1], axes[1:] / side, np.zeros(1, dtype=np.int64))
 
 
 def windows_of(features: FeatureSet, side: float) -> Windows:

@@ -21,8 +21,8 @@ from treereg_core.transform import FloatArray
 NEIGHBOURS = 32
 # In-row spacings that are looked for, in tree distances, and how many.
 SPACINGS = np.linspace(1 / 1.8, 1 / 0.25, 140)
-# In-row spacings are at most so many times the row spacing.
-WIDEST = 1.15
+# In-row spacings are at most so many times the row spacing: 1.155 where trees stand in triangles.
+WIDEST = 1.3
 # Of the spacings that fit the steps along rows the longest is taken that fits this well against the best.
 FITS = 0.6
 # Width, in row spacings, of the strip along a row in which steps count as being along it.

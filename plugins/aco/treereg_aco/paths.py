@@ -21,6 +21,8 @@ OPEN = 0.93
 CERTAIN = 7.0
 # A path is so many times longer than it is wide; a hole in the orchard is not.
 LONGER = 3.0
+# One row crosses one path once: no cuts nearer than so many steps.
+APART = 2
 # The farthest from one row to the next, in row spacings; beyond it the orchard ends.
 NEXT_ROW = 2.6
 
@@ -78,10 +80,10 @@ def crossed(way: Way, cut: BoolArray, frames: Frames) -> BoolArray:
     From every gap walkers set out across the rows, in all directions that a path may have. Each row that they come to is
     evidence for a path or against it; how far the evidence adds up best is how far the path goes.
     """
-    gap, found = way.gap & ~cut, np.zeros(len(cut), dtype=np.bool_)
+    gap = way.gap & ~cut
     share = float(way.length[gap].sum() / max(way.length[~cut].sum(), 1e-9))
     if not gap.any() or share >= OPEN:
-        return found
+        return np.zeros_like(cut)
     evidence = np.where(gap, np.log(OPEN / share), np.log((1 - OPEN) / (1 - share)))
     seeds = np.repeat(np.flatnonzero(gap), len(OBLIQUE))
     oblique = np.tile(OBLIQUE, np.count_nonzero(gap))
@@ -89,11 +91,20 @@ def crossed(way: Way, cut: BoolArray, frames: Frames) -> BoolArray:
     total = evidence[seeds] + left.evidence + right.evidence
     long = np.hypot(*(left.end - right.end).T)
     likely = (total >= CERTAIN + np.log(len(seeds))) & (long >= LONGER * np.median(way.length[gap]))
-    for half in (left, right):
-        walker, step = half.passed
-        found[step[likely[walker] & gap[step]]] = True
-    found[seeds[likely]] = True
-    return found
+    worth = np.zeros(len(cut))
+    for walker, step in ((np.arange(len(seeds)), seeds), left.passed, right.passed):
+        counts = likely[walker] & gap[step]
+        np.maximum.at(worth, step[counts], total[walker[counts]])
+    return plainest(worth, cut)
+
+
+def plainest(worth: FloatArray, cut: BoolArray) -> BoolArray:
+    """Of steps of some worth (k,) those that no cut, and no step of more worth, is within `APART` steps of."""
+    chosen = np.zeros(len(cut), dtype=np.bool_)
+    for step in np.argsort(-worth, kind="stable")[: np.count_nonzero(worth)]:
+        near = slice(max(step - APART, 0), step + APART + 1)
+        chosen[step] = not (chosen[near].any() or cut[near].any())
+    return chosen
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,8 +68,9 @@ class Aco(RowDetector):
 
     def detect(self, features: FeatureSet, context: Context) -> Rows:
         """The rows of one survey. Raises `NoRegistration` where its trees stand in no rows."""
-        # the order of trees in their file must not matter
-        trees = features.take(np.lexsort((features.ids, features.xy[:, 1], features.xy[:, 0])))
+        if len(features) < LEAST_TREES or features.spacing == 0:
+            raise NoRegistration(f"{len(features)} trees are too few, or too close together, to show rows")
+        trees = upright(features)
         rows, free, frames = self.search(trees, context.rng(self.name))
         rows = self.whole(rows, trees.xy, frames)
         for layer in range(1, LAYERS):
@@ -110,15 +111,14 @@ class Aco(RowDetector):
 
         frames = row_frames(trees)
         model = first_model(trees, frames)
-
-        def searched(said: np.ndarray) -> tuple[list[IntArray], BoolArray]:
-            ground = Ground(trees.xy, frames.along, frames.spacing, frames.near, said)
-            graph = graph_of(ground, self.reach, 1.6 * model.half_width, model.across)
-            return search(ground, graph, model, self.habits(model, frames), rng)
-
-        rows, left = searched(np.zeros(len(trees)))
+        ground = Ground(trees.xy, frames.along, frames.spacing, frames.near, np.zeros(len(trees)))
+        graph = graph_of(ground, self.reach, 1.6 * model.half_width, model.across)
+        habits = self.habits(model, frames)
+        rows, left = search(ground, graph, model, habits, rng)
+        # what the first search has shown of rows and strangers teaches the second
         model = learned(model, frames, rows, trees.xy)
-        rows, left = searched(evidence(trees, ~left))
+        ground = ground._replace(evidence=evidence(trees, ~left))
+        rows, left = search(ground, graph, model, habits, rng)
         if not rows:
             raise NoRegistration(f"the {len(trees)} trees stand in no rows that can be told from chance")
         return rows, left, frames
@@ -142,6 +142,18 @@ class Aco(RowDetector):
             angle_weight=self.angle_weight,
             turn=cos(radians(sharpest)),
         )
+
+
+def upright(features: FeatureSet) -> FeatureSet:
+    """The same trees about their centre, their longest extent along x, in the order of x.
+
+    So neither the order of trees in their file matters to what is found, nor how the survey lies on the map.
+    """
+    centred = features.xy - features.xy.mean(axis=0)
+    axis = np.linalg.svd(centred, full_matrices=False)[2][0]
+    axis *= -1 if ((centred @ axis) ** 3).sum() < 0 else 1
+    xy = centred @ np.array([[axis[0], -axis[1]], [axis[1], axis[0]]])
+    return features.replace(xy=xy).take(np.lexsort((features.ids, xy[:, 1], xy[:, 0])))
 
 
 def without_loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:

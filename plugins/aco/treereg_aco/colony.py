@@ -114,11 +114,11 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
     here = start
     x, y = sense * ground.along[start]
     place = np.empty(habits.neighbours, np.int64)
-    straight, heuristic, chance = np.empty((3, habits.neighbours))
+    straight, heuristic = np.empty((2, habits.neighbours))
     while True:
         side = 0 if x * ground.along[here, 0] + y * ground.along[here, 1] > 0 else 1
         count = 0
-        total = 0.0
+        total = whole = 0.0
         for k in range(STEPS):
             other = graph.to[here, side, k]
             if other < 0 or count == habits.neighbours:
@@ -133,17 +133,22 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
                 count += 1
         if count == 0:
             return np.array(trees), np.array(heuristics)
+        chosen = 0
+        best = -1.0
         for k in range(count):
             near = 1 - graph.distance[here, side, place[k]] / total if count > 1 else 1.0
             angle = 1 - np.arccos(min(max(straight[k], -1.0), 1.0)) / np.pi
             heuristic[k] = habits.distance_weight * near + habits.angle_weight * angle
-            scent = colony.pheromone[here, side, place[k]] ** habits.pheromone_power
-            chance[k] = scent * max(heuristic[k], 1e-9) ** habits.heuristic_power
             # outside the Pareto set: a step as straight is nearer, and the nearest come first
-            if k > 0 and straight[k] <= straight[:k].max():
-                chance[k] = 0.0
-        chosen = np.searchsorted(np.cumsum(chance[:count]), rng.random() * chance[:count].sum(), side="right")
-        chosen = min(chosen, count - 1)
+            if straight[k] <= best:
+                continue
+            best = straight[k]
+            scent = colony.pheromone[here, side, place[k]] ** habits.pheromone_power
+            chance = scent * max(heuristic[k], 1e-9) ** habits.heuristic_power
+            whole += chance
+            # each takes the place of those before it with its share of the chances so far
+            if rng.random() * whole < chance:
+                chosen = k
         other = graph.to[here, side, place[chosen]]
         dx, dy = ground.xy[other] - ground.xy[here]
         length = max(np.hypot(dx, dy), 1e-12)

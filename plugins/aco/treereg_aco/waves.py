@@ -27,22 +27,25 @@ def window_peaks(
     powers = np.zeros((len(members), PEAKS))
     x_wave = np.empty(2 * half + 1, np.complex128)
     for window in range(len(members)):
-        total = np.zeros((2 * half + 1, half + 2), np.complex128)
+        total = np.zeros((half + 2, 2 * half + 1), np.complex128)
         count = 0
         for tree in members[window]:
             if tree < 0:
                 continue
             count += 1
             x, y = xy[tree] - centre[window]
-            for column in range(-half, half + 1):
-                x_wave[column + half] = np.exp(2j * np.pi * column * step * x)
+            turn = np.exp(2j * np.pi * step * x)
+            x_wave[half] = 1
+            for column in range(1, half + 1):
+                x_wave[half + column] = x_wave[half + column - 1] * turn
+                x_wave[half - column] = np.conj(x_wave[half + column])
             turn = np.exp(2j * np.pi * step * y)
             y_wave = np.conj(turn)
             for row in range(half + 2):
-                total[:, row] += x_wave * y_wave
+                total[row] += x_wave * y_wave
                 y_wave *= turn
         if count >= 6:
-            power = np.abs(total) ** 2 / count
+            power = (total.real.T**2 + total.imag.T**2) / count
             waves[window], powers[window] = highest(power, step, low, high)
     return waves, powers
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.edges import Edge, Edges
+from benchmarks.edges import Edge, Edges, whole_trees
 from treereg_core.features import FeatureSet
 from treereg_core.pair import Rows
 from treereg_core.simulate import Simulation
@@ -33,19 +33,10 @@ def against_truth(simulation: Simulation, edges: Edges, title: str, path: Path) 
         found: frozenset[Edge] = getattr(edges, kind)
         lines(axes, survey, found, colour)
         axes.plot([], [], color=colour, label=f"{kind} {len(found)}")
-    shown = simulation.reference_trees
-    times = np.bincount(shown[shown >= 0], minlength=len(simulation.trees))
-    whole = (shown[:, 0] >= 0) & (shown[:, 1] < 0) & (times[shown[:, 0]] < 2)
-    axes.scatter(survey.xy[whole, 0], survey.xy[whole, 1], s=2.5, color="black", linewidths=0, zorder=3)
-    axes.scatter(
-        survey.xy[~whole, 0],
-        survey.xy[~whole, 1],
-        s=7,
-        facecolors="none",
-        edgecolors="#777777",
-        linewidths=0.5,
-        zorder=3,
-    )
+    whole = whole_trees(simulation.reference_trees) >= 0
+    x, y = survey.xy.T
+    axes.scatter(x[whole], y[whole], s=2.5, color="black", linewidths=0, zorder=3)
+    axes.scatter(x[~whole], y[~whole], s=7, facecolors="none", edgecolors="#777777", linewidths=0.5, zorder=3)
     axes.legend(loc="upper left", bbox_to_anchor=(0, 0), ncols=4, frameon=False, fontsize=8, handlelength=1.2)
     save(axes, path)
 

@@ -5,29 +5,40 @@ from __future__ import annotations
 import csv
 import math
 import sys
+import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import astuple, dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from benchmarks.starts import brought_near, is_near, row_ends
 from treereg_core.api import execute
 from treereg_core.errors import UsageError
 from treereg_core.options import Options
 from treereg_core.pipeline import Clock
-from treereg_core.plan import Plan, plan_for
+from treereg_core.plan import IDENTITY, Plan, plan_for
 from treereg_core.registry import installed
 from treereg_core.simulate import Simulation, simulate_family
+from treereg_core.transform import Rigid
 
 NONE = math.nan
 CRASHED = "crashed"
+IN_PLACE = Rigid.identity()
 RIGHT_M = 0.5
 RIGHT_FACTOR = 1.25
+NEAR = "near"
+"""The start from the files' own georeference, once that was made near."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What all trials of one run have in common. `georeference_sd` in metres, infinite when it is unknown."""
+    """What all trials of one run have in common. `georeference_sd` in metres, infinite when it is unknown.
+
+    `start` as in `treereg run`, or `near`: the identity, after the source was laid anew (`benchmarks.starts`).
+    """
 
     method: str
     start: str
@@ -40,11 +51,13 @@ class Trial(Conditions):
 
     `right`: the error is below 0.5 m or 1.25 times that of the fit with the true pairs. Both errors then count the
     distortion that no rigid transform can undo (`bend`); in the columns they do not. Without a truth nothing is right.
+    `near_start`: the files' own georeference puts all row ends near their true places (`benchmarks.starts.is_near`).
     """
 
     family: str
     seed: int
     trees: int
+    near_start: bool
     verdict: str
     matched: int = 0
     right: bool = False
@@ -75,30 +88,31 @@ class Trial(Conditions):
 def plan(conditions: Conditions) -> Plan:
     """The plan of these conditions, with one thread."""
     sd = None if math.isinf(conditions.georeference_sd) else conditions.georeference_sd
-    options = Options(method=conditions.method, start=conditions.start, georeference_sd=sd, threads=1)
+    start = IDENTITY if conditions.start == NEAR else conditions.start
+    options = Options(method=conditions.method, start=start, georeference_sd=sd, threads=1)
     return plan_for(options, installed())
 
 
 def run_trial(conditions: Conditions, family: str, seed: int) -> Trial:
     """Simulate, register, compare. A fault of the code under test makes a trial with the verdict `crashed`."""
     simulation = simulate_family(family, seed)
-    trees = len(simulation.source)
+    if conditions.start == NEAR:
+        simulation = brought_near(simulation, np.random.default_rng([zlib.crc32(family.encode()), seed, 1]))
+    about = {**vars(conditions), "family": family, "seed": seed, "trees": len(simulation.source)}
+    about["near_start"] = simulation.truth is not None and is_near(row_ends(simulation), simulation.scene, IN_PLACE)
     clock = Clock()
     try:
         result = execute(plan(conditions), (simulation.reference, simulation.source), clock)
     except Exception as fault:
         print(f"{family} seed {seed}: {type(fault).__name__}: {fault}", file=sys.stderr, flush=True)
-        return Trial(**vars(conditions), family=family, seed=seed, trees=trees, verdict=CRASHED)
+        return Trial(**about, verdict=CRASHED)
     said = result.judgement
     expected = said.expected_error
     error = NONE if simulation.truth is None or said.transform is None else simulation.error(said.transform)
     fit_error = best_error(simulation)
     start_s, judge_s = clock.seconds["start"], clock.seconds["judge"]
     return Trial(
-        **vars(conditions),
-        family=family,
-        seed=seed,
-        trees=trees,
+        **about,
         verdict=said.verdict.value,
         matched=len(said.matches.pairs),
         right=is_right(error, fit_error, simulation.bend),

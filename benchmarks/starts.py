@@ -1,0 +1,83 @@
+"""Starts near the truth: how far one may lie from it for its rows to be matched by where they are, and such starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from treereg_core.simulate import Scene, Simulation
+from treereg_core.transform import FloatArray, Rigid, Transform
+
+ACROSS = 0.4
+"""How far across the rows, in distances between rows, a row's end may lie from its true place."""
+ALONG = 2.0
+"""How far along them, in distances between trees of a row."""
+INWARD = 4
+"""The direction of a row at its end is that from the last tree to the one so many trees further in."""
+TRIES = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class RowEnds:
+    """Both ends of each row that the source shows two trees of.
+
+    `source` (k, 2) where it shows them; `truth` (k, 2) where that is in the reference's frame; `along` (k, 2) the unit
+    vectors of the rows there. Metres.
+    """
+
+    source: FloatArray
+    truth: FloatArray
+    along: FloatArray
+
+
+def row_ends(simulation: Simulation) -> RowEnds:
+    """The row ends of the source's detections of true trees. `ValueError` where there is no truth."""
+    if simulation.truth is None:
+        raise ValueError("this simulation has no true transform")
+    trees, shown = simulation.trees, simulation.source_trees[:, 0]
+    feature = np.flatnonzero(shown >= 0)
+    feature = feature[np.lexsort((trees.column[shown[feature]], trees.row[shown[feature]]))]
+    tree = shown[feature]
+    bounds = [0, *(np.flatnonzero(np.diff(trees.row[tree])) + 1).tolist(), len(tree)]
+    ends: list[tuple[int, int]] = []
+    for first, after in pairwise(bounds):
+        if trees.column[tree[first]] < trees.column[tree[after - 1]]:
+            ends += [(first, min(first + INWARD, after - 1)), (after - 1, max(after - 1 - INWARD, first))]
+    at, inward = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    xy = simulation.source.xy[feature[at]]
+    along = trees.xy[tree[inward]] - trees.xy[tree[at]]
+    return RowEnds(xy, simulation.truth(xy), along / np.hypot(*along.T)[:, None])
+
+
+def is_near(ends: RowEnds, scene: Scene, reference_from_source: Transform) -> bool:
+    """Whether a start puts every row end within 0.4 of a row spacing across and two in-row spacings along the row."""
+    off = reference_from_source(ends.source) - ends.truth
+    along = np.abs((off * ends.along).sum(axis=1))
+    across = np.abs(off[:, 0] * ends.along[:, 1] - off[:, 1] * ends.along[:, 0])
+    return bool((across <= ACROSS * next_row(scene)).all() and (along <= ALONG * scene.spacing).all())
+
+
+def next_row(scene: Scene) -> float:
+    """The distance from a row to the next, metres; in double rows the lesser of the two."""
+    return min(scene.hedgerow, scene.row_spacing - scene.hedgerow) if scene.hedgerow else scene.row_spacing
+
+
+def brought_near(simulation: Simulation, rng: np.random.Generator) -> Simulation:
+    """The same surveys, the source laid anew so that the identity is a near start, drawn evenly from all such.
+
+    `ValueError` where there is no truth.
+    """
+    ends, scene = row_ends(simulation), simulation.scene
+    assert simulation.truth is not None
+    centre = ends.truth.mean(axis=0)
+    farthest = float(np.hypot(ACROSS * next_row(scene), ALONG * scene.spacing))
+    largest_deg = np.degrees(farthest / np.hypot(*(ends.truth - centre).T).max())
+    for _ in range(TRIES):
+        turn_deg, shift = rng.uniform(-largest_deg, largest_deg), rng.uniform(-farthest, farthest, 2)
+        disturbed = Rigid.turn(turn_deg, about=centre, shift=shift)
+        if is_near(ends, scene, disturbed @ simulation.truth):
+            placed = disturbed(simulation.truth(simulation.source.xy))
+            return replace(simulation, source=simulation.source.replace(xy=placed), truth=disturbed.inverse())
+    raise ValueError(f"no near start in {TRIES} tries")

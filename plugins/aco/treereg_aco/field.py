@@ -27,6 +27,8 @@ SAME = 0.3
 STRONG = 0.3
 # Line spacings that differ by less than this share are the same, as on a square lattice.
 SQUARE = 0.03
+# Radius of the ground about a tree, in tree distances.
+GROUND = 4.0
 # A single row has so many trees at least, and they scatter across it by this share of their distance at most.
 LEAST_IN_ROW = 6
 SLENDER = 0.25
@@ -71,6 +73,7 @@ def row_field(features: FeatureSet, side: float) -> Field:
     windows = windows_of(features, side)
     free = np.ones(len(windows.centre), dtype=np.bool_)
     wave, block = np.zeros((len(free), 2)), np.full(len(free), -1, dtype=np.int64)
+    home = cKDTree(windows.centre).query(features.xy)[1]
     number = 0
     while True:
         seed = int(np.argmax(np.where(free, windows.power[:, 0], 0)))
@@ -78,7 +81,7 @@ def row_field(features: FeatureSet, side: float) -> Field:
             break
         grown = [grow(windows, seed, peak, free) for peak in range(PEAKS) if windows.power[seed, peak] >= CHANCE]
         most = max(power.sum() for _, power in grown)
-        chosen, power = widest(windows.centre, [(w, p) for w, p in grown if p.sum() >= STRONG * most])
+        chosen, power = widest(features, home, side, [(w, p) for w, p in grown if p.sum() >= STRONG * most])
         inside = power > 0
         wave[inside], block[inside] = chosen[inside], number
         free &= ~inside
@@ -139,14 +142,26 @@ def grow(windows: Windows, seed: int, peak: int, free: BoolArray) -> tuple[Float
     return wave, power
 
 
-def widest(centre: FloatArray, grown: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Of several families of lines through one block the one of the widest spacing; among equals the longest lines."""
-    spacing, extent = [], []
-    for wave, power in grown:
+def widest(
+    features: FeatureSet, home: IntArray, side: float, grown: list[tuple[FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Of several families of lines through one block the one of the widest spacing; among equals the longest lines.
+
+    `home` (n,) is the window of each tree.
+    """
+    spacing = [np.median(1 / np.hypot(*wave[power > 0].T)) for wave, power in grown]
+    alike = [family for family, s in zip(grown, spacing, strict=True) if s >= (1 - SQUARE) * max(spacing)]
+    if len(alike) == 1:
+        return alike[0]
+    # each tree counts for the ground about it, so that trees which one survey misses turn nothing
+    ground = 1 / features.tree.query_ball_point(features.xy, GROUND * side, return_length=True)
+
+    def extent(family: tuple[FloatArray, FloatArray]) -> float:
+        wave, power = family
         inside = power > 0
-        length = np.hypot(*wave[inside].T)
-        spacing.append(np.median(1 / length))
-        normal = (wave[inside] / length[:, None]).mean(axis=0)
-        extent.append(float(np.std(centre[inside] @ np.array([-normal[1], normal[0]]))))
-    alike = [k for k in range(len(grown)) if spacing[k] >= (1 - SQUARE) * max(spacing)]
-    return grown[max(alike, key=lambda k: extent[k])]
+        x, y = (wave[inside] / np.hypot(*wave[inside].T)[:, None]).mean(axis=0)
+        along = features.xy[inside[home]] @ np.array([-y, x]) / np.hypot(x, y)
+        weight = ground[inside[home]] / ground[inside[home]].sum()
+        return float(weight @ (along - weight @ along) ** 2)
+
+    return max(alike, key=extent)

@@ -4,15 +4,20 @@ import math
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from benchmarks import accuracy, calibration
+from benchmarks import accuracy, calibration, methods
+from benchmarks.starts import brought_near, is_near, row_ends
 from benchmarks.table import upper_bound, wilson
 from benchmarks.trial import Conditions, Trial, append, is_right, plan, read_trials, run_trial, write_header
 from treereg_core.errors import UsageError
+from treereg_core.simulate import Scene, simulate, simulate_family
+from treereg_core.transform import Rigid
 
 ICP = Conditions("icp", "coarse", math.inf)
-TRIAL = Trial(**vars(ICP), family="shift_3", seed=1, trees=100, verdict="accepted", right=True, bend=0.0)
+ABOUT = {"family": "shift_3", "seed": 1, "trees": 100, "near_start": True, "verdict": "accepted"}
+TRIAL = Trial(**vars(ICP), **ABOUT, right=True, bend=0.0)
 
 
 def test_wilson_against_published_values():
@@ -116,3 +121,65 @@ def test_reliability_shows_a_liar():
 def test_the_plan_hands_on_the_prior():
     assert plan(ICP).options.georeference_sd is None
     assert plan(replace(ICP, georeference_sd=3.0)).options.georeference_sd == 3.0
+
+
+def test_a_start_is_near_while_every_row_end_is():
+    scene = Scene(trees=400, outline="rectangle", planting_jitter=0.0, gaps=0.0, missed=0.0, false=0.0)
+    simulation = simulate(scene, seed=0)
+    ends = row_ends(simulation)
+    along, centre = ends.along[0] * np.sign(ends.along[0, 0]), ends.truth.mean(axis=0)
+    across = np.array([-along[1], along[0]])
+
+    def near(shift, turn_deg=0.0):
+        return is_near(ends, scene, Rigid.turn(turn_deg, about=centre, shift=shift) @ simulation.truth)
+
+    assert near(1.99 * scene.spacing * along)
+    assert not near(2.01 * scene.spacing * along)
+    assert near(0.39 * scene.row_spacing * across)
+    assert not near(0.41 * scene.row_spacing * across)
+    assert near(0.39 * scene.row_spacing * across + 1.99 * scene.spacing * along)
+    half_length = np.abs((ends.truth - centre) @ along).max()
+    assert near((0, 0), math.degrees(0.39 * scene.row_spacing / half_length))
+    assert not near((0, 0), math.degrees(0.41 * scene.row_spacing / half_length))
+
+
+@pytest.mark.parametrize("family", ["noisy", "curved", "headlands", "double_hedgerow", "distortion_1"])
+def test_a_source_brought_near_is_near_and_as_good_as_before(family):
+    before = simulate_family(family, 3)
+    off = []
+    for seed in range(20):
+        after = brought_near(before, np.random.default_rng(seed))
+        ends = row_ends(after)
+        assert is_near(ends, after.scene, Rigid.identity())
+        assert after.error(after.true_fit()) == pytest.approx(before.error(before.true_fit()), rel=1e-6)
+        off.append(np.hypot(*(ends.source - ends.truth).T).max() / before.scene.row_spacing)
+    assert not is_near(row_ends(before), before.scene, Rigid.identity())
+    assert max(off) > 0.3
+    assert np.ptp(off) > 0.1
+
+
+def test_trials_from_near_starts_say_so():
+    icp = replace(ICP, start="near")
+    assert run_trial(icp, "small_60", 0).near_start
+    assert not run_trial(replace(ICP, start="identity"), "small_60", 0).near_start
+    assert not run_trial(ICP, "different", 0).near_start
+
+
+def test_methods_stand_side_by_side(tmp_path, monkeypatch, capsys):
+    aco = replace(TRIAL, method="aco", start="identity", error=0.6, fit_error=0.01)
+    trials = [replace(TRIAL, error=0.02, fit_error=0.01), replace(TRIAL, seed=2, right=False, error=2.0)]
+    trials += [aco, replace(aco, seed=2, error=0.4), replace(aco, seed=3, near_start=False, right=False, error=9.0)]
+    trials += [replace(TRIAL, family="periodic_turn", right=False, near_start=False, verdict="ambiguous")]
+    path = tmp_path / "trials.csv"
+    write_header(path)
+    for trial in trials:
+        append(path, trial)
+    monkeypatch.setattr(sys, "argv", ["methods", str(path)])
+    assert methods.main() == 0
+    lines = {line.split("  ")[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line}
+    assert lines["family"] == ["coarse", "icp", "identity", "aco", "of", "these", "near", "aco"]
+    assert lines["shift_3"] == ["(2)", "50.0", "[1]", "(3)", "66.7", "[1]", "(2)", "100.0"]
+    assert lines["all absent"][1:] == ["(1)", "0.0", "(0)", "-", "(0)", "-"]
+    assert " ".join(lines["coarse: icp"][1:]) == "2 50.0 % 50.0 % 2.00 0.0 % 1 90.55 % 0 nan"
+    assert lines["identity: aco"][1:5] == ["3", "66.7", "%", "33.3"]
+    assert lines["identity, near: aco"][2:6] == ["2", "100.0", "%", "50.0"]

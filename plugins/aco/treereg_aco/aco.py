@@ -159,8 +159,10 @@ def upright(features: FeatureSet) -> FeatureSet:
 def without_loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:
     """Where a row begins and where it has ended without the few trees at its ends that stand apart from the others.
 
-    They may belong to rows across its end.
+    They may belong to rows across its end. A very short row may stand across others as a whole.
     """
+    if len(row) <= LOOSE:
+        return len(row), len(row)
     steps = np.hypot(*np.diff(xy[row], axis=0).T)
     wide = np.flatnonzero(steps > WIDE * np.median(steps))
     head, tail = wide[wide < LOOSE], wide[wide >= max(len(steps) - LOOSE, LOOSE)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from treereg_aco.compiled import compiled
 from treereg_aco.corridor import best_chain
 from treereg_aco.ground import STEPS, Graph, Ground, step
 from treereg_aco.model import RowModel
@@ -56,7 +56,7 @@ class Colony(NamedTuple):
     iteration: IntArray
 
 
-@njit(cache=True)
+@compiled
 def search(
     ground: Ground, graph: Graph, model: RowModel, habits: Habits, rng: np.random.Generator
 ) -> tuple[list[IntArray], BoolArray]:
@@ -87,16 +87,19 @@ def search(
             keep_if_better(row, worth, best, quality)
         number += habits.iterations * habits.ants
         for k in np.argsort(-quality):
+            if not free[best[k]].all():
+                continue
             row = bettered(best[k], ground, model, free)
             if len(row) > 0:
                 free[row] = False
                 rows.append(row)
-            in_vain[best[k]] = True
+            else:
+                in_vain[best[k]] = True
         untried = untried[free[untried] & ~in_vain[untried]]
     return rows[1:], free
 
 
-@njit(cache=True)
+@compiled
 def construct(start: int, colony: Colony, ant: int, rng: np.random.Generator) -> tuple[IntArray, FloatArray]:
     """The row (k,) of an ant, which goes one way from its start, turns and goes the other; heuristics (k - 1,)."""
     colony.met[start] = ant + 1
@@ -106,7 +109,7 @@ def construct(start: int, colony: Colony, ant: int, rng: np.random.Generator) ->
     return row, np.concatenate((behind_heuristic[:0:-1], ahead_heuristic[1:]))
 
 
-@njit(cache=True)
+@compiled
 def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Generator) -> tuple[IntArray, FloatArray]:
     """The trees on an ant's way from its start to where it finds no further step, and the heuristic of reaching each."""
     ground, graph, habits = colony.ground, colony.graph, colony.habits
@@ -159,7 +162,7 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
         here = other
 
 
-@njit(cache=True)
+@compiled
 def likeliest_part(row: IntArray, ground: Ground, model: RowModel) -> tuple[int, int, float]:
     """The part of an ant's way that is likeliest to be a row: where it begins, where it has ended, and its quality.
 
@@ -183,7 +186,7 @@ def likeliest_part(row: IntArray, ground: Ground, model: RowModel) -> tuple[int,
     return best_first, best_after, best
 
 
-@njit(cache=True)
+@compiled
 def deposit(row: IntArray, heuristic: FloatArray, colony: Colony, iteration: int) -> None:
     """Leave pheromone on the steps of a row, both ways: the mean of the heuristics about each, weighted by a triangle."""
     graph, half = colony.graph, (colony.habits.window + 1) // 2
@@ -202,7 +205,7 @@ def deposit(row: IntArray, heuristic: FloatArray, colony: Colony, iteration: int
                     colony.pheromone[here, side, place] = pheromone + added
 
 
-@njit(cache=True)
+@compiled
 def keep_if_better(row: IntArray, worth: float, best: list[IntArray], quality: FloatArray) -> None:
     """Put a row into the elite set, in which no two share a tree, if it is better than each that it displaces."""
     if worth <= quality.min():
@@ -222,12 +225,10 @@ def keep_if_better(row: IntArray, worth: float, best: list[IntArray], quality: F
     best[worst], quality[worst] = row, worth
 
 
-@njit(cache=True)
+@compiled
 def bettered(row: IntArray, ground: Ground, model: RowModel, free: BoolArray) -> IntArray:
     """The best row in the corridor of an elite one, sought until it stays the same; empty when none is good enough."""
     nothing = row[:0]
-    if not free[row].all():
-        return nothing
     worth = -np.inf
     for _ in range(ROUNDS):
         if len(row) < 2:

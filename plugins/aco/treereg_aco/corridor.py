@@ -8,8 +8,8 @@ local search is called in ant colony optimisation.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from treereg_aco.compiled import compiled
 from treereg_aco.ground import SHORTEST, Ground, step
 from treereg_aco.model import RowModel
 from treereg_core.features import BoolArray, IntArray
@@ -18,11 +18,13 @@ from treereg_core.transform import FloatArray
 # Trees of the row on either side that say where it runs, and how far they are asked, in in-row spacings.
 ASKED = 6
 ASKED_REACH = 4.0
+# The farthest that a step leads aside, in half widths of a row.
+ASIDE = 1.4
 # The longest step of a row, in in-row spacings.
 REACH = 4.5
 
 
-@njit(cache=True)
+@compiled
 def best_chain(row: IntArray, ground: Ground, model: RowModel, free: BoolArray) -> tuple[IntArray, float]:
     """The likeliest row of free trees in the corridor about `row`, one spacing or more beyond its ends, and its quality.
 
@@ -53,7 +55,8 @@ def best_chain(row: IntArray, ground: Ground, model: RowModel, free: BoolArray) 
             steps = np.round((gap - phase[here] + phase[there]) / spacing)
             if steps >= 1 and gap > SHORTEST * spacing:
                 worth = best[m] + gain[here] + (steps - 1) * none
-                if worth > best[k]:
+                # each end may be where its own neighbours want it and yet stand in another row
+                if worth > best[k] and abs(step(ground, trees[there], trees[here])[1]) < ASIDE * model.half_width:
                     best[k], before[k] = worth, m
     if len(order) == 0:
         return row[:0], -np.inf
@@ -64,7 +67,7 @@ def best_chain(row: IntArray, ground: Ground, model: RowModel, free: BoolArray) 
     return trees[order[np.array(chain[::-1])]], best[last]
 
 
-@njit(cache=True)
+@compiled
 def along_row(row: IntArray, ground: Ground) -> tuple[FloatArray, FloatArray]:
     """For each tree of a row whether its frame looks along it (1) or back (-1), and how far along it stands, metres."""
     sense, place = np.ones(len(row)), np.zeros(len(row))
@@ -77,7 +80,7 @@ def along_row(row: IntArray, ground: Ground) -> tuple[FloatArray, FloatArray]:
     return sense, place
 
 
-@njit(cache=True)
+@compiled
 def in_corridor(
     row: IntArray, sense: FloatArray, ground: Ground, model: RowModel, free: BoolArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
@@ -106,7 +109,7 @@ def in_corridor(
     return np.array(trees), np.array(from_tree), np.array(ahead)
 
 
-@njit(cache=True)
+@compiled
 def belonging(
     tree: int, nearest: int, row: IntArray, sense: FloatArray, ground: Ground, model: RowModel
 ) -> tuple[float, float]:

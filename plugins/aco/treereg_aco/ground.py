@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from treereg_aco.compiled import compiled
 from treereg_core.features import IntArray
 from treereg_core.transform import FloatArray
 
@@ -37,7 +37,7 @@ class Graph(NamedTuple):
     distance: FloatArray
 
 
-@njit(cache=True)
+@compiled
 def step(ground: Ground, i: int, j: int) -> tuple[float, float, float]:
     """From tree i to tree j: metres along and across the rows (left positive) in the mean frame of both.
 
@@ -52,7 +52,7 @@ def step(ground: Ground, i: int, j: int) -> tuple[float, float, float]:
     return (dx * x + dy * y) / length, (dy * x - dx * y) / length, sense
 
 
-@njit(cache=True)
+@compiled
 def graph_of(ground: Ground, reach: float, width: float, across: float) -> Graph:
     """Where steps can lead: up to `reach` in-row spacings along and `width` metres across.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from treereg_aco.compiled import compiled
 from treereg_core.features import IntArray
 from treereg_core.transform import FloatArray
 
@@ -12,7 +12,7 @@ from treereg_core.transform import FloatArray
 PEAKS = 6
 
 
-@njit(cache=True)
+@compiled
 def window_peaks(
     xy: FloatArray, centre: FloatArray, members: IntArray, step: float, low: float, high: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -50,7 +50,7 @@ def window_peaks(
     return waves, powers
 
 
-@njit(cache=True)
+@compiled
 def highest(power: FloatArray, step: float, low: float, high: float) -> tuple[FloatArray, FloatArray]:
     """The highest peaks of one window; `power` is over x from -half to half steps and y from -1 to half."""
     half = power.shape[0] // 2
@@ -75,14 +75,14 @@ def highest(power: FloatArray, step: float, low: float, high: float) -> tuple[Fl
     return waves, powers
 
 
-@njit(cache=True)
+@compiled
 def summit(before: float, here: float, after: float) -> float:
     """Where the parabola through three neighbouring values has its top, in steps from the middle one."""
     bend = before - 2 * here + after
     return 0.0 if bend >= 0 else min(max((before - after) / (2 * bend), -0.5), 0.5)
 
 
-@njit(cache=True)
+@compiled
 def comb(window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, windows: int) -> FloatArray:
     """How well steps along rows fit a comb: sum of cos(2 pi f a), (windows, frequencies), over the pairs of each window.
 

@@ -13,6 +13,7 @@ import math
 import statistics
 import sys
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 from pathlib import Path
 
 from benchmarks.table import percent, table, upper_bound
@@ -66,29 +67,25 @@ def of(column: Column, trials: Iterable[Trial]) -> list[Trial]:
 
 def by_family(trials: Sequence[Trial]) -> str:
     """A line per family and group, a column per start and method; trials with a near start apart."""
-    heads = columns(trials)
-    lines = []
     names = [name for name in FAMILIES if any(trial.family == name for trial in trials)]
     parts = [(name, [trial for trial in trials if trial.family == name]) for name in names]
     for group in dict.fromkeys(FAMILIES[name].group for name in names):
         parts.append((f"all {group}", [trial for trial in trials if FAMILIES[trial.family].group == group]))
-    parts.append(("all with a truth", [trial for trial in trials if FAMILIES[trial.family].group != "absent"]))
-    for name, part in parts:
-        cells, before = [name], None
-        for column in heads:
-            inside, block = of(column, part), (column[0], column[2])
-            if block != before:
-                cells.append(f"({len(inside)})")
-            cells.append(cell(inside))
-            before = block
-        lines.append(cells)
-    header, before = ["family"], None
-    for start, method, near in heads:
-        if (start, near) != before:
-            header.append("of these near" if near else start)
-        header.append(method)
-        before = start, near
+    parts.append(("all with a truth", with_truth(trials)))
+
+    header, lines = ["family"], [[name] for name, _ in parts]
+    for (start, near), of_block in groupby(columns(trials), key=lambda column: (column[0], column[2])):
+        block = list(of_block)
+        header += ["of these near" if near else start, *(method for _, method, _ in block)]
+        for line, (_, part) in zip(lines, parts, strict=True):
+            inside = [of(column, part) for column in block]
+            line += [f"({max(map(len, inside))})", *map(cell, inside)]
     return table(header, lines)
+
+
+def with_truth(trials: Iterable[Trial]) -> list[Trial]:
+    """The trials in which there is a placement to be found."""
+    return [trial for trial in trials if FAMILIES[trial.family].group != "absent"]
 
 
 def cell(trials: Sequence[Trial]) -> str:
@@ -103,7 +100,7 @@ def overall(trials: Sequence[Trial]) -> str:
     """A line per start and method over all families that have a truth."""
     lines = []
     for column in columns(trials):
-        inside = [trial for trial in of(column, trials) if FAMILIES[trial.family].group != "absent"]
+        inside = of(column, with_truth(trials))
         right = [trial for trial in inside if trial.right]
         silent = sum(trial.accepted and not trial.right for trial in inside)
         accepted = sum(trial.accepted for trial in inside)

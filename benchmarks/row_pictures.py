@@ -28,10 +28,10 @@ SIDE_INCHES, DOTS_PER_INCH, PALETTE = 7.0, 130, 64
 def against_truth(simulation: Simulation, edges: Edges, title: str, path: Path) -> None:
     """The reference's edges in their colours; single whole trees as dots, other detections as rings."""
     survey = simulation.reference
-    axes = empty(survey, title)
+    axes = axes_over(survey, title)
     for kind, colour in COLOURS.items():
         found: frozenset[Edge] = getattr(edges, kind)
-        lines(axes, survey, found, colour)
+        draw(axes, survey, found, colour)
         axes.plot([], [], color=colour, label=f"{kind} {len(found)}")
     whole = whole_trees(simulation.reference_trees) >= 0
     x, y = survey.xy.T
@@ -46,7 +46,7 @@ def over_canopies(survey: Survey, rows: Rows, title: str, path: Path) -> None:
     from matplotlib.collections import LineCollection
 
     features = survey.features
-    axes = empty(features, title)
+    axes = axes_over(features, title)
     axes.add_collection(LineCollection(outlines(survey), colors="#bbbbbb", linewidths=0.4))
     for number, row in enumerate(rows.trees, 1):
         colour = ROW_COLOURS[number % len(ROW_COLOURS)]
@@ -70,7 +70,7 @@ def outlines(survey: Survey) -> list[FloatArray]:
     return [to_frame(shapely.get_coordinates(shapely.get_exterior_ring(p)), layer.crs, survey.frame) for p in polygons]
 
 
-def empty(features: FeatureSet, title: str) -> Axes:
+def axes_over(features: FeatureSet, title: str) -> Axes:
     """Axes in the survey's frame, true to scale."""
     from matplotlib.figure import Figure
 
@@ -83,7 +83,7 @@ def empty(features: FeatureSet, title: str) -> Axes:
     return axes
 
 
-def lines(axes: Axes, survey: FeatureSet, edges: Iterable[Edge], colour: str) -> None:
+def draw(axes: Axes, survey: FeatureSet, edges: Iterable[Edge], colour: str) -> None:
     """Draw edges."""
     from matplotlib.collections import LineCollection
 

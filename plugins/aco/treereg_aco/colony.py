@@ -9,6 +9,7 @@ import numpy as np
 from treereg_aco.compiled import compiled
 from treereg_aco.corridor import best_chain
 from treereg_aco.ground import STEPS, Graph, Ground, step
+from treereg_aco.habits import Habits
 from treereg_aco.model import RowModel
 from treereg_core.features import BoolArray, IntArray
 from treereg_core.transform import FloatArray
@@ -16,25 +17,11 @@ from treereg_core.transform import FloatArray
 # Pheromone that every step keeps, so that none is lost for ever.
 LEAST_PHEROMONE = 1e-3
 # By how much trees must be likelier to be a row than to be strangers, natural logarithm.
-LEAST_QUALITY = 6.0
+LEAST_QUALITY = 4.5
+# Ants that set out from a tree in vain before it is left alone.
+TRIES = 3
 # Times that a row is sought anew in its own corridor, at most.
 ROUNDS = 4
-
-
-class Habits(NamedTuple):
-    """How the ants behave: the settings of the method. `turn` is the cosine of the sharpest turn of a row."""
-
-    ants: int
-    iterations: int
-    elites: int
-    neighbours: int
-    pheromone_power: float
-    heuristic_power: float
-    evaporation: float
-    window: int
-    distance_weight: float
-    angle_weight: float
-    turn: float
 
 
 class Colony(NamedTuple):
@@ -42,8 +29,8 @@ class Colony(NamedTuple):
 
     - `free` (n,): the trees that no row has taken yet.
     - `met` (n,): the number of the last ant that came by.
-    - `pheromone` (n, 2, STEPS): of the graph's steps; `iteration` (n,): when those of a tree last evaporated. Only the ratio of
-      pheromones of one tree ever counts, so that they need to evaporate only when some are added.
+    - `pheromone` (n, 2, STEPS): of the graph's steps; `iteration` (n,): when those of a tree last evaporated. Only
+      the ratio of pheromones of one tree ever counts, so that they need to evaporate only when some are added.
     """
 
     ground: Ground
@@ -70,7 +57,7 @@ def search(
     colony = Colony(ground, graph, model, habits, free, met, np.ones((n, 2, STEPS)), iteration)
     rows = [np.empty(0, np.int64)]
     untried = np.arange(n)
-    in_vain = np.zeros(n, np.bool_)
+    in_vain = np.zeros(n, np.int64)
     number = 0
     while len(untried) > 0:
         best = [np.empty(0, np.int64) for _ in range(habits.elites)]
@@ -81,7 +68,7 @@ def search(
             first, after, worth = likeliest_part(whole, ground, model)
             row = whole[first:after]
             if worth < LEAST_QUALITY or not (row == start).any():
-                in_vain[start] = True
+                in_vain[start] += 1
                 continue
             deposit(row, heuristic[first : after - 1], colony, (ant + number) // habits.ants)
             keep_if_better(row, worth, best, quality)
@@ -94,8 +81,8 @@ def search(
                 free[row] = False
                 rows.append(row)
             else:
-                in_vain[best[k]] = True
-        untried = untried[free[untried] & ~in_vain[untried]]
+                in_vain[best[k]] = TRIES
+        untried = untried[free[untried] & (in_vain[untried] < TRIES)]
     return rows[1:], free
 
 
@@ -111,10 +98,11 @@ def construct(start: int, colony: Colony, ant: int, rng: np.random.Generator) ->
 
 @compiled
 def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Generator) -> tuple[IntArray, FloatArray]:
-    """The trees on an ant's way from its start to where it finds no further step, and the heuristic of reaching each."""
+    """The trees on an ant's way from its start until there is no further step, and the heuristic of reaching each."""
     ground, graph, habits = colony.ground, colony.graph, colony.habits
     trees, heuristics = [start], [0.0]
     here = start
+    turn = np.cos(np.radians(180 - habits.angle_limit))
     x, y = sense * ground.along[start]
     place = np.empty(habits.neighbours, np.int64)
     straight, heuristic = np.empty((2, habits.neighbours))
@@ -130,7 +118,7 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
                 continue
             dx, dy = ground.xy[other] - ground.xy[here]
             cosine = (dx * x + dy * y) / max(np.hypot(dx, dy), 1e-12)
-            if cosine >= habits.turn:
+            if cosine >= turn:
                 place[count], straight[count] = k, cosine
                 total += graph.distance[here, side, k]
                 count += 1
@@ -188,8 +176,8 @@ def likeliest_part(row: IntArray, ground: Ground, model: RowModel) -> tuple[int,
 
 @compiled
 def deposit(row: IntArray, heuristic: FloatArray, colony: Colony, iteration: int) -> None:
-    """Leave pheromone on the steps of a row, both ways: the mean of the heuristics about each, weighted by a triangle."""
-    graph, half = colony.graph, (colony.habits.window + 1) // 2
+    """Leave pheromone on both sides of each step of a row: the triangle-weighted mean of the heuristics about it."""
+    graph, half = colony.graph, (colony.habits.deposit_window + 1) // 2
     for k in range(len(heuristic)):
         total = weights = 0.0
         for m in range(max(0, k - half + 1), min(len(heuristic), k + half)):
@@ -219,9 +207,10 @@ def keep_if_better(row: IntArray, worth: float, best: list[IntArray], quality: F
                     return
                 displaced[k] = True
                 break
-    for k in np.flatnonzero(displaced):
-        best[k], quality[k] = row[:0], -np.inf
-    worst = np.argmin(quality)
+    for k in range(len(best)):
+        if displaced[k]:
+            best[k], quality[k] = row[:0], -np.inf
+    worst = int(np.argmin(quality))
     best[worst], quality[worst] = row, worth
 
 

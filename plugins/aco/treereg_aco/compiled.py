@@ -8,28 +8,31 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numba
+from numba.core import config
 
 F = TypeVar("F", bound=Callable[..., object])
+# What numba takes from the environment variable NUMBA_CACHE_DIR.
+SETTING = "CACHE_DIR"
 PACKAGE = Path(__file__).parent
 
 
 def compiled(function: F) -> F:
     """The function, compiled by numba when it is first called and kept on disk for later runs."""
     # numba looks only at the file that a function stands in: a change to a function that it calls would go unnoticed
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder(before))
+    before = getattr(config, SETTING)
+    setattr(config, SETTING, str(folder(before)))
     try:
-        return numba.njit(cache=True)(function)  # type: ignore[no-any-return]
+        return cast(F, numba.njit(cache=True)(function))
     finally:
-        numba.config.CACHE_DIR = before
+        setattr(config, SETTING, before)
 
 
 @cache
 def folder(given: str) -> Path:
-    """Where compiled code is kept: a folder for these very sources, in the one given, beside them, or the user's own."""
+    """Where compiled code is kept: for these very sources, in the folder given, beside them, or the user's own."""
     name = f"treereg-aco-{digest(PACKAGE)}"
     if given:
         return Path(given) / name

@@ -1,8 +1,8 @@
 """The best row along a given one, in compiled code.
 
-An ant's row shows where a row runs; which trees belong to it is then found exactly, by dynamic programming over all free
-trees in the corridor about it. Daemon actions (Dorigo & Stuetzle 2004, doi:10.7551/mitpress/1290.001.0001) is what such a
-local search is called in ant colony optimisation.
+An ant's row shows where a row runs; which trees belong to it is then found exactly, by dynamic programming over all
+free trees in the corridor about it. Daemon actions (Dorigo & Stuetzle 2004, doi:10.7551/mitpress/1290.001.0001) is
+what such a local search is called in ant colony optimisation.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ REACH = 4.5
 
 @compiled
 def best_chain(row: IntArray, ground: Ground, model: RowModel, free: BoolArray) -> tuple[IntArray, float]:
-    """The likeliest row of free trees in the corridor about `row`, one spacing or more beyond its ends, and its quality.
+    """The likeliest row of free trees in the corridor about `row` and beyond its ends, and its quality.
 
     Quality is the natural logarithm of how much likelier the trees are a row than strangers: of each tree, how far it
     stands across from where its neighbours along the row put it and along from their planting positions, and what
@@ -102,10 +102,10 @@ def in_corridor(
             if other not in seen:
                 seen[other] = len(trees)
                 trees.append(other)
-                from_tree.append(k)
+                from_tree.append(np.int64(k))
                 ahead.append(along)
             elif abs(along) < abs(ahead[seen[other]]):
-                from_tree[seen[other]], ahead[seen[other]] = k, along
+                from_tree[seen[other]], ahead[seen[other]] = np.int64(k), along
     return np.array(trees), np.array(from_tree), np.array(ahead)
 
 

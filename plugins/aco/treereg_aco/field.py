@@ -36,7 +36,7 @@ SLENDER = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of trees: `centre` (m, 2), the `waves` (m, PEAKS, 2) and `power` (m, PEAKS) in each, nearest windows first.
+    """Windows of trees: `centre` (m, 2), and the `waves` (m, PEAKS, 2) in each with their `power` (m, PEAKS).
 
     `near` (m, k) are the windows around each, itself first.
     """
@@ -73,7 +73,7 @@ def row_field(features: FeatureSet, side: float) -> Field:
     windows = windows_of(features, side)
     free = np.ones(len(windows.centre), dtype=np.bool_)
     wave, block = np.zeros((len(free), 2)), np.full(len(free), -1, dtype=np.int64)
-    home = cKDTree(windows.centre).query(features.xy)[1]
+    home = np.asarray(cKDTree(windows.centre).query(features.xy)[1], dtype=np.int64)
     number = 0
     while True:
         seed = int(np.argmax(np.where(free, windows.power[:, 0], 0)))
@@ -87,17 +87,17 @@ def row_field(features: FeatureSet, side: float) -> Field:
         free &= ~inside
         number += 1
     if number == 0:
-        return single_row(features, side)
+        return single_row(features)
     seen = block >= 0
     return Field(windows.centre[seen], wave[seen], block[seen])
 
 
-def single_row(features: FeatureSet, side: float) -> Field:
+def single_row(features: FeatureSet) -> Field:
     """The field of trees that all stand in one straight row, which makes no wave; no place at all where they do not."""
     _, size, axes = np.linalg.svd(features.xy - features.xy.mean(axis=0), full_matrices=False)
     if len(features) < LEAST_IN_ROW or size[1] > SLENDER * features.spacing * np.sqrt(len(features)):
         return Field(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=np.int64))
-    return Field(features.xy[:1], axes[1:] / side, np.zeros(1, dtype=np.int64))
+    return Field(features.xy[:1], axes[1:] / features.spacing, np.zeros(1, dtype=np.int64))
 
 
 def windows_of(features: FeatureSet, side: float) -> Windows:
@@ -111,7 +111,7 @@ def windows_of(features: FeatureSet, side: float) -> Windows:
     members = np.where(np.isfinite(distance), members, -1)
     waves, power = window_peaks(features.xy, centre, members, GRID / side, LONGEST / side, SHORTEST / side)
     near = cKDTree(centre).query(centre, k=list(range(1, min(9, len(centre)) + 1)))[1]
-    return Windows(centre, waves, power, near)
+    return Windows(centre, waves, power, np.asarray(near, dtype=np.int64))
 
 
 def grow(windows: Windows, seed: int, peak: int, free: BoolArray) -> tuple[FloatArray, FloatArray]:
@@ -154,7 +154,7 @@ def widest(
     if len(alike) == 1:
         return alike[0]
     # each tree counts for the ground about it, so that trees which one survey misses turn nothing
-    ground = 1 / features.tree.query_ball_point(features.xy, GROUND * side, return_length=True)
+    ground = 1 / np.asarray(features.tree.query_ball_point(features.xy, GROUND * side, return_length=True))
 
     def extent(family: tuple[FloatArray, FloatArray]) -> float:
         wave, power = family

@@ -1,7 +1,8 @@
 """Which way the rows run at every tree, and how far apart they and their trees stand.
 
-Rows are a wave: in a window of some eighty trees the structure factor, |sum exp(2 pi i k.x)|^2, peaks at the wave vectors
-of all families of parallel lines through the lattice. Missing and false trees weaken the peaks but do not move them.
+Rows are a wave: in a window of some eighty trees the structure factor, |sum exp(2 pi i k.x)|^2, peaks at the wave
+vectors of all families of parallel lines through the lattice. Missing and false trees weaken the peaks but do not
+move them.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def row_frames(features: FeatureSet) -> Frames:
     length = np.hypot(*wave.T)
     along = np.column_stack([-wave[:, 1], wave[:, 0]]) / length[:, None]
     count = min(NEIGHBOURS, len(features) - 1)
-    near = features.tree.query(features.xy, k=list(range(2, count + 2)))[1].astype(np.int64)
+    near = np.asarray(features.tree.query(features.xy, k=list(range(2, count + 2)))[1], dtype=np.int64)
     step = steps(features.xy, along, near)
     spacing = (spacings(field, side, at[:, 0], step, 1 / length)[at] * weight).sum(axis=1)
     return Frames(along, spacing, 1 / length, near, lane(step, spacing, side))
@@ -65,7 +66,8 @@ def row_frames(features: FeatureSet) -> Frames:
 def around(field: Field, xy: FloatArray, side: float) -> tuple[IntArray, FloatArray]:
     """For each tree the nearest places of the field (n, k) and their weights; only those of the nearest one's block."""
     count = min(4, len(field.block))
-    distance, at = cKDTree(field.centre).query(xy, k=list(range(1, count + 1)))
+    distance, places = cKDTree(field.centre).query(xy, k=list(range(1, count + 1)))
+    at = np.asarray(places, dtype=np.int64)
     weight = (field.block[at] == field.block[at[:, :1]]) / (distance**2 + (STEP / 2 * side) ** 2)
     return at, weight / weight.sum(axis=1, keepdims=True)
 

@@ -77,14 +77,15 @@ def ended_at_paths(rows: list[IntArray], xy: FloatArray, frames: Frames) -> list
 def crossed(way: Way, cut: BoolArray, frames: Frames) -> BoolArray:
     """Which steps (k,) paths cross that are not cut yet.
 
-    From every gap walkers set out across the rows, in all directions that a path may have. Each row that they come to is
-    evidence for a path or against it; how far the evidence adds up best is how far the path goes.
+    From every gap walkers set out across the rows, in all directions that a path may have. Each row that they come to
+    is evidence for a path or against it; how far the evidence adds up best is how far the path goes.
     """
     gap = way.gap & ~cut
     share = float(way.length[gap].sum() / max(way.length[~cut].sum(), 1e-9))
     if not gap.any() or share >= OPEN:
         return np.zeros_like(cut)
-    evidence = np.where(gap, np.log(OPEN / share), np.log((1 - OPEN) / (1 - share)))
+    evidence = np.full(len(cut), np.log((1 - OPEN) / (1 - share)))
+    evidence[gap] = np.log(OPEN / share)
     seeds = np.repeat(np.flatnonzero(gap), len(OBLIQUE))
     oblique = np.tile(OBLIQUE, np.count_nonzero(gap))
     left, right = (walk(way, evidence, seeds, sense * np.pi / 2 + oblique, frames) for sense in (1.0, -1.0))
@@ -109,8 +110,8 @@ def plainest(worth: FloatArray, cut: BoolArray) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Walks:
-    """How walkers (w,) fared: the `evidence` where it was greatest, the place `end` (w, 2), and the steps `passed` up to it,
-    as numbers of walkers and of steps."""
+    """How walkers (w,) fared: the `evidence` where it was greatest, that place `end` (w, 2), and what they `passed` on
+    the way there, as numbers of walkers and of steps."""
 
     evidence: FloatArray
     end: FloatArray
@@ -121,7 +122,7 @@ def walk(way: Way, evidence: FloatArray, seeds: IntArray, angle: FloatArray, fra
     """Walk from the middles of steps `seeds` (w,) over row after row, at angles (w,) to the rows, radians."""
     tree = cKDTree(way.xy)
     place = way.middle[seeds].copy()
-    start = tree.query(place)[1]
+    start = np.asarray(tree.query(place)[1], dtype=np.int64)
     row, heading = way.row[start].copy(), turned(way.along[start], angle)
     lane, farthest = frames.lane, NEXT_ROW * max(frames.lane, float(np.median(frames.row_spacing)))
     since = np.zeros(len(seeds))
@@ -132,7 +133,8 @@ def walk(way: Way, evidence: FloatArray, seeds: IntArray, angle: FloatArray, fra
     while len(alive):
         place[alive] += lane / 2 * heading[alive]
         since[alive] += lane / 2
-        distance, near = tree.query(place[alive])
+        distance, nearest = tree.query(place[alive])
+        near = np.asarray(nearest, dtype=np.int64)
         come = (way.row[near] != row[alive]) & (distance <= lane / 2)
         at, near = alive[come], near[come]
         across = turned(way.along[near], np.full(len(at), np.pi / 2))
@@ -146,7 +148,8 @@ def walk(way: Way, evidence: FloatArray, seeds: IntArray, angle: FloatArray, fra
         best[better], end[better], best_turn[better] = now[better], place[better], len(history)
         alive = alive[(since[alive] <= farthest) & (now[alive] > best[alive] - CERTAIN)]
     turn = np.repeat(np.arange(1, len(history) + 1), [len(at) for at, _ in history])
-    walker, step = (np.concatenate(part) for part in zip(*history, strict=True))
+    walker = np.concatenate([walkers for walkers, _ in history])
+    step = np.concatenate([steps for _, steps in history])
     kept = turn <= best_turn[walker]
     return Walks(best, end, (walker[kept], step[kept]))
 

@@ -18,9 +18,10 @@ def window_peaks(
 ) -> tuple[FloatArray, FloatArray]:
     """Wave vectors (m, PEAKS, 2), per metre, and powers (m, PEAKS) of the highest peaks in each of m windows.
 
-    `members` (m, k) are positions in `xy` (n, 2), -1 for none. The power at a wave vector is |sum exp(2 pi i k.x)|^2 over
-    the number of trees: 1 on average for trees anywhere, the number of trees for a perfect lattice. It is searched on a
-    grid of wave vectors `step` apart, of lengths `low` to `high` per metre. Peaks stand highest first; missing ones are 0.
+    `members` (m, k) are positions in `xy` (n, 2), -1 for none. The power at a wave vector is |sum exp(2 pi i k.x)|^2
+    over the number of trees: 1 on average for trees anywhere, the number of trees for a perfect lattice. It is
+    searched on a grid of wave vectors `step` apart, of lengths `low` to `high` per metre. Peaks stand highest first;
+    missing ones are 0.
     """
     half = int(np.ceil(high / step)) + 1
     waves = np.zeros((len(members), PEAKS, 2))
@@ -84,7 +85,7 @@ def summit(before: float, here: float, after: float) -> float:
 
 @compiled
 def comb(window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, windows: int) -> FloatArray:
-    """How well steps along rows fit a comb: sum of cos(2 pi f a), (windows, frequencies), over the pairs of each window.
+    """How well steps along rows fit a comb: the sums of cos(2 pi f a), (windows, frequencies), over pairs of trees.
 
     `window`, `along` (metres) and `weight` are of the pairs (p,); `frequencies` per metre, evenly spaced.
     """

@@ -57,8 +57,8 @@ class Field:
 
 
 def tree_distance(features: FeatureSet) -> float:
-    """Side of the square that a tree has to itself, metres: the median, over trees, of the room of 12 neighbours."""
-    count = min(12, len(features) - 1)
+    """Side of the square that a tree has to itself, metres: the median, over trees, of the room of its neighbours."""
+    count = min(max(len(features) // 4, 3), 12, len(features) - 1)
     distance, _ = features.tree.query(features.xy, k=[count + 1])
     return float(np.median(distance) * np.sqrt(np.pi / count))
 
@@ -70,6 +70,9 @@ def row_field(features: FeatureSet, side: float) -> Field:
     that window's waves. The rows are the lines of the widest spacing among the strong ones, since there trees
     stand closest in line; on a square lattice, those along which the block is longer.
     """
+    alone = single_row(features)
+    if alone is not None:
+        return alone
     windows = windows_of(features, side)
     free = np.ones(len(windows.centre), dtype=np.bool_)
     wave, block = np.zeros((len(free), 2)), np.full(len(free), -1, dtype=np.int64)
@@ -86,17 +89,15 @@ def row_field(features: FeatureSet, side: float) -> Field:
         wave[inside], block[inside] = chosen[inside], number
         free &= ~inside
         number += 1
-    if number == 0:
-        return single_row(features)
     seen = block >= 0
     return Field(windows.centre[seen], wave[seen], block[seen])
 
 
-def single_row(features: FeatureSet) -> Field:
-    """The field of trees that all stand in one straight row, which makes no wave; no place at all where they do not."""
+def single_row(features: FeatureSet) -> Field | None:
+    """The field of trees that all stand in one straight row, which makes no wave; None where they do not."""
     _, size, axes = np.linalg.svd(features.xy - features.xy.mean(axis=0), full_matrices=False)
     if len(features) < LEAST_IN_ROW or size[1] > SLENDER * features.spacing * np.sqrt(len(features)):
-        return Field(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=np.int64))
+        return None
     return Field(features.xy[:1], axes[1:] / features.spacing, np.zeros(1, dtype=np.int64))
 
 

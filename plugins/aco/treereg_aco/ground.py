@@ -14,6 +14,9 @@ from treereg_core.transform import FloatArray
 STEPS = 8
 # A step is at least this long, in in-row spacings: nearer trees are two detections of one.
 SHORTEST = 0.35
+# Length of the sum of two unit vectors along rows that turn by 37 degrees; and farther aside, metres, than any row
+# reaches.
+ONE_WAY, FAR = 1.897, 1e6
 # So many standard deviations across the rows are as far as one in-row spacing along them.
 ACROSS = 3.0
 
@@ -41,13 +44,16 @@ class Graph(NamedTuple):
 def step(ground: Ground, i: int, j: int) -> tuple[float, float, float]:
     """From tree i to tree j: metres along and across the rows (left positive) in the mean frame of both.
 
-    Also 1, or -1 where their frames look opposite ways.
+    Also 1, or -1 where their frames look opposite ways. Where rows turn too much from one to the other, as from block
+    to block, the one is as far aside as can be.
     """
     xi, yi = ground.along[i]
     xj, yj = ground.along[j]
     sense = 1.0 if xi * xj + yi * yj >= 0 else -1.0
     x, y = xi + sense * xj, yi + sense * yj
     length = np.hypot(x, y)
+    if length < ONE_WAY:
+        return 0.0, FAR, sense
     dx, dy = ground.xy[j] - ground.xy[i]
     return (dx * x + dy * y) / length, (dy * x - dx * y) / length, sense
 

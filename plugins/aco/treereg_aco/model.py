@@ -12,7 +12,7 @@ from treereg_core.features import BoolArray, FeatureSet, IntArray
 from treereg_core.transform import FloatArray
 
 # Share of a lane within which a tree can still belong to a row.
-HALF_LANE = 0.35
+HALF_LANE = 0.5
 # Share of all trees that are taken for strangers before any row is known.
 STRANGERS = 0.1
 # Bounds of what is learned, so that a few odd trees teach no nonsense.

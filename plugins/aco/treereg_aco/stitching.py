@@ -13,6 +13,8 @@ from treereg_core.transform import FloatArray
 ASKED = 6
 # Ends that are nearer, in in-row spacings, lie beside each other; joining them would make a triangle.
 BESIDE = 0.6
+# Cosine of the angle by which the rows may turn from one piece to the next.
+SAME_WAY = 0.8
 # Share of a lane by which two pieces of one row may be off each other.
 OFF = 0.25
 
@@ -34,6 +36,8 @@ def stitched(rows: list[IntArray], xy: FloatArray, frames: Frames, reach: float)
     off = np.abs(across.mean(axis=(1, 2)))
     far = np.abs(forward[:, 0, 0])
     facing = ((gap * outward[a]).sum(axis=1) > 0) & ((gap * outward[b]).sum(axis=1) < 0)
+    turn = np.abs((frames.along[last[a, 0]] * frames.along[last[b, 0]]).sum(axis=1))
+    facing &= turn > SAME_WAY
     good = (a // 2 != b // 2) & facing & (far >= BESIDE * spacing) & (off <= OFF * frames.lane)
     joined: dict[int, int] = {}
     group = np.arange(len(rows))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.pair import Rows
-from treereg_core.simulate import Simulation
+from treereg_core.simulate import Simulation, Trees
 
 Edge = tuple[int, int]
 
@@ -68,6 +68,14 @@ def compare(rows: Rows, simulation: Simulation, survey: FeatureSet) -> Edges:
         return frozenset((int(ids[a]), int(ids[b])) for a, b in edges)
 
     return Edges(named(detected & true), named(detected - true - neither), named(true - detected), named(neither))
+
+
+def truths(simulation: Simulation) -> list[Simulation]:
+    """The simulation, and in a square lattice, where nothing tells them apart, also that with rows for columns."""
+    if simulation.scene.row_spacing != simulation.scene.spacing:
+        return [simulation]
+    trees = simulation.trees
+    return [simulation, replace(simulation, trees=Trees(trees.xy, trees.area, row=trees.column, column=trees.row))]
 
 
 def whole_trees(shown: IntArray) -> IntArray:

@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from benchmarks.edges import Edges, compare, whole_trees
+from benchmarks.edges import Edges, compare, truths, whole_trees
 from treereg_core.detection import RowOptions, RowPlan, carry_out, row_plan
 from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet
 from treereg_core.pair import Rows
 from treereg_core.registry import installed
-from treereg_core.simulate import Scene, Simulation, Trees, simulate, simulate_family
-
-EITHER_WAY = frozenset({"square_any"})
-"""Families in which nothing tells rows from columns."""
+from treereg_core.simulate import Scene, Simulation, simulate, simulate_family
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ def run_row_trial(method: str, family: str, seed: int) -> RowTrial:
     except Exception as fault:
         print(f"{family} seed {seed}: {type(fault).__name__}: {fault}", file=sys.stderr, flush=True)
         return RowTrial(family, seed, len(survey), fault=f"{type(fault).__name__}: {fault}")
-    edges = best_edges(rows, simulation, family)
+    edges = best_edges(rows, simulation)
     inside = np.isin(survey.ids, np.concatenate([[-1], *rows.trees]))
     shown = simulation.reference_trees
     real, false = whole_trees(shown) >= 0, shown[:, 0] < 0
@@ -74,16 +71,10 @@ def run_row_trial(method: str, family: str, seed: int) -> RowTrial:
     )
 
 
-def best_edges(rows: Rows, simulation: Simulation, family: str) -> Edges:
+def best_edges(rows: Rows, simulation: Simulation) -> Edges:
     """The edges of the reference's rows against the truth, or against the columns where these are as good a truth."""
-    truths = [simulation, by_columns(simulation)] if family in EITHER_WAY else [simulation]
-    return max((compare(rows, truth, truth.reference) for truth in truths), key=lambda edges: edges.iou)
-
-
-def by_columns(simulation: Simulation) -> Simulation:
-    """The same simulation with rows and columns in each other's place."""
-    trees = simulation.trees
-    return replace(simulation, trees=Trees(trees.xy, trees.area, row=trees.column, column=trees.row))
+    found = [compare(rows, truth, truth.reference) for truth in truths(simulation)]
+    return max(found, key=lambda edges: edges.iou)
 
 
 def timed(method: str, survey: FeatureSet) -> tuple[Rows, float]:

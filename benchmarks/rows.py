@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.processes import spread
-from benchmarks.row_trial import EITHER_WAY, RowTrial, best_edges, ready, run_row_trial, timed
+from benchmarks.row_trial import RowTrial, best_edges, ready, run_row_trial, timed
 from benchmarks.speed import growth
 from benchmarks.table import percent, table
 from treereg_core import io
@@ -29,15 +29,15 @@ from treereg_core.options import defaults
 from treereg_core.simulate import FAMILIES, Scene, simulate, simulate_family
 
 HEADER = ("family", "surveys", "trees", "IoU", "least", "seed", "precision", "recall", "in rows", "false in", "seconds")
-LEGEND = f"""\
+LEGEND = """\
 trees      median number of detections
 IoU        right / (right + wrong + missed) edges, mean over the surveys; least: of any survey, that of the seed named
 precision  right / (right + wrong), all surveys together; recall: right / (right + missed)
 in rows    share of the true trees, split and merged ones aside, that stand in a row; false in: of the false detections
 seconds    median per survey on one thread, after compilation
 An edge joins consecutive trees of a row; one missing tree is bridged. Edges along the row over a longer gap, and those
-that touch a false, split or merged detection, count neither way. Rows of {", ".join(EITHER_WAY)} may as well be its
-columns: the better of both counts."""
+that touch a false, split or merged detection, count neither way. Rows of a square lattice may as well be
+its columns: the better of both counts."""
 REPEATS = 3
 
 
@@ -120,7 +120,7 @@ def picture(family: str, seed: int, method: str, path: Path) -> None:
 
     simulation = simulate_family(family, seed)
     rows, _ = timed(method, simulation.reference)
-    edges = best_edges(rows, simulation, family)
+    edges = best_edges(rows, simulation)
     against_truth(simulation, edges, f"{method}, {family}, seed {seed}: IoU {edges.iou:.3f}", path)
 
 

@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from benchmarks.edges import truths
+from treereg_core.features import IntArray
 from treereg_core.simulate import Scene, Simulation
 from treereg_core.transform import FloatArray, Rigid, Transform
 
@@ -33,29 +35,38 @@ class RowEnds:
 
 
 def row_ends(simulation: Simulation) -> RowEnds:
-    """The row ends of the source's detections of true trees. `ValueError` where there is no truth."""
+    """The row ends of the source's detections of true trees; in a square lattice those of columns too.
+
+    `ValueError` where there is no truth.
+    """
     if simulation.truth is None:
         raise ValueError("this simulation has no true transform")
+    feature, tree, inward = np.concatenate([ends(truth) for truth in truths(simulation)]).T
+    xy = simulation.source.xy[feature]
+    along = simulation.trees.xy[inward] - simulation.trees.xy[tree]
+    return RowEnds(xy, simulation.truth(xy), along / np.hypot(*along.T)[:, None])
+
+
+def ends(simulation: Simulation) -> IntArray:
+    """For both ends of each row the feature, its tree, and a tree further in, (k, 3)."""
     trees, shown = simulation.trees, simulation.source_trees[:, 0]
     feature = np.flatnonzero(shown >= 0)
     feature = feature[np.lexsort((trees.column[shown[feature]], trees.row[shown[feature]]))]
     tree = shown[feature]
     bounds = [0, *(np.flatnonzero(np.diff(trees.row[tree])) + 1).tolist(), len(tree)]
-    ends: list[tuple[int, int]] = []
+    found = []
     for first, after in pairwise(bounds):
         if trees.column[tree[first]] < trees.column[tree[after - 1]]:
-            ends += [(first, min(first + INWARD, after - 1)), (after - 1, max(after - 1 - INWARD, first))]
-    at, inward = np.array(ends, dtype=np.int64).reshape(-1, 2).T
-    xy = simulation.source.xy[feature[at]]
-    along = trees.xy[tree[inward]] - trees.xy[tree[at]]
-    return RowEnds(xy, simulation.truth(xy), along / np.hypot(*along.T)[:, None])
+            found.append((feature[first], tree[first], tree[min(first + INWARD, after - 1)]))
+            found.append((feature[after - 1], tree[after - 1], tree[max(after - 1 - INWARD, first)]))
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
 
 
-def is_near(ends: RowEnds, scene: Scene, reference_from_source: Transform) -> bool:
+def is_near(at: RowEnds, scene: Scene, reference_from_source: Transform) -> bool:
     """Whether a start puts every row end within 0.4 of a row spacing across and two in-row spacings along the row."""
-    off = reference_from_source(ends.source) - ends.truth
-    along = np.abs((off * ends.along).sum(axis=1))
-    across = np.abs(off[:, 0] * ends.along[:, 1] - off[:, 1] * ends.along[:, 0])
+    off = reference_from_source(at.source) - at.truth
+    along = np.abs((off * at.along).sum(axis=1))
+    across = np.abs(off[:, 0] * at.along[:, 1] - off[:, 1] * at.along[:, 0])
     return bool((across <= ACROSS * next_row(scene)).all() and (along <= ALONG * scene.spacing).all())
 
 
@@ -69,15 +80,15 @@ def brought_near(simulation: Simulation, rng: np.random.Generator) -> Simulation
 
     `ValueError` where there is no truth.
     """
-    ends, scene = row_ends(simulation), simulation.scene
+    at, scene = row_ends(simulation), simulation.scene
     assert simulation.truth is not None
-    centre = ends.truth.mean(axis=0)
+    centre = at.truth.mean(axis=0)
     farthest = float(np.hypot(ACROSS * next_row(scene), ALONG * scene.spacing))
-    largest_deg = np.degrees(farthest / np.hypot(*(ends.truth - centre).T).max())
+    largest_deg = np.degrees(farthest / np.hypot(*(at.truth - centre).T).max())
     for _ in range(TRIES):
         turn_deg, shift = rng.uniform(-largest_deg, largest_deg), rng.uniform(-farthest, farthest, 2)
         disturbed = Rigid.turn(turn_deg, about=centre, shift=shift)
-        if is_near(ends, scene, disturbed @ simulation.truth):
+        if is_near(at, scene, disturbed @ simulation.truth):
             placed = disturbed(simulation.truth(simulation.source.xy))
             return replace(simulation, source=simulation.source.replace(xy=placed), truth=disturbed.inverse())
     raise ValueError(f"no near start in {TRIES} tries")

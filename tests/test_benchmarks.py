@@ -143,7 +143,7 @@ def test_a_start_is_near_while_every_row_end_is():
     assert not near((0, 0), math.degrees(0.41 * scene.row_spacing / half_length))
 
 
-@pytest.mark.parametrize("family", ["noisy", "curved", "headlands", "double_hedgerow", "distortion_1"])
+@pytest.mark.parametrize("family", ["noisy", "curved", "headlands", "double_hedgerow", "distortion_1", "square_any"])
 def test_a_source_brought_near_is_near_and_as_good_as_before(family):
     before = simulate_family(family, 3)
     off = []

@@ -49,11 +49,15 @@ class Windows:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """The wave of the rows at each of m places: vectors (m, 2), per metre, and the number of the block (m,)."""
+    """The wave of the rows at each of m places: vectors (m, 2), per metre, and the number of the block (m,).
+
+    `side` is the tree distance, metres.
+    """
 
     centre: FloatArray
     wave: FloatArray
     block: IntArray
+    side: float
 
 
 def tree_distance(features: FeatureSet) -> float:
@@ -63,16 +67,17 @@ def tree_distance(features: FeatureSet) -> float:
     return float(np.median(distance) * np.sqrt(np.pi / count))
 
 
-def row_field(features: FeatureSet, side: float) -> Field:
+def row_field(features: FeatureSet) -> Field:
     """The waves of the rows wherever there are rows; no place at all where the trees stand in none.
 
-    `side` is the tree distance. Blocks are grown one after the other, each from its clearest window and from each of
+    Blocks are grown one after the other, each from its clearest window and from each of
     that window's waves. The rows are the lines of the widest spacing among the strong ones, since there trees
     stand closest in line; on a square lattice, those along which the block is longer.
     """
     alone = single_row(features)
     if alone is not None:
         return alone
+    side = tree_distance(features)
     windows = windows_of(features, side)
     free = np.ones(len(windows.centre), dtype=np.bool_)
     wave, block = np.zeros((len(free), 2)), np.full(len(free), -1, dtype=np.int64)
@@ -90,7 +95,7 @@ def row_field(features: FeatureSet, side: float) -> Field:
         free &= ~inside
         number += 1
     seen = block >= 0
-    return Field(windows.centre[seen], wave[seen], block[seen])
+    return Field(windows.centre[seen], wave[seen], block[seen], side)
 
 
 def single_row(features: FeatureSet) -> Field | None:
@@ -98,7 +103,7 @@ def single_row(features: FeatureSet) -> Field | None:
     _, size, axes = np.linalg.svd(features.xy - features.xy.mean(axis=0), full_matrices=False)
     if len(features) < LEAST_IN_ROW or size[1] > SLENDER * features.spacing * np.sqrt(len(features)):
         return None
-    return Field(features.xy[:1], axes[1:] / features.spacing, np.zeros(1, dtype=np.int64))
+    return Field(features.xy[:1], axes[1:] / features.spacing, np.zeros(1, dtype=np.int64), features.spacing)
 
 
 def windows_of(features: FeatureSet, side: float) -> Windows:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from treereg_aco.field import STEP, Field, row_field, tree_distance
+from treereg_aco.field import STEP, Field, row_field
 from treereg_aco.waves import comb
 from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet, IntArray
@@ -46,13 +46,17 @@ class Frames:
     lane: float
 
 
-def row_frames(features: FeatureSet) -> Frames:
-    """The frame of the rows at every tree. Raises `NoRegistration` where the trees stand in no rows."""
-    side = tree_distance(features) if len(features) > 1 else 0.0
-    field = row_field(features, side) if side > 0 else None
-    if field is None or not len(field.block):
+def row_frames(features: FeatureSet, side: float) -> Frames:
+    """The frame of the rows at every tree. Raises `NoRegistration` where the trees stand in no rows.
+
+    `side` is the distance of trees in the orchard, metres; these may be only some of them.
+    """
+    if len(features) < 2 or features.spacing == 0:
+        raise NoRegistration(f"{len(features)} trees are too few, or too close together, to show rows")
+    field = row_field(features)
+    if not len(field.block):
         raise NoRegistration(f"the {len(features)} trees stand in no rows that can be told from chance")
-    at, weight = around(field, features.xy, side)
+    at, weight = around(field, features.xy)
     wave = (field.wave[at] * weight[..., None]).sum(axis=1)
     length = np.hypot(*wave.T)
     along = np.column_stack([-wave[:, 1], wave[:, 0]]) / length[:, None]
@@ -63,12 +67,12 @@ def row_frames(features: FeatureSet) -> Frames:
     return Frames(along, spacing, 1 / length, near, lane(step, spacing, side))
 
 
-def around(field: Field, xy: FloatArray, side: float) -> tuple[IntArray, FloatArray]:
+def around(field: Field, xy: FloatArray) -> tuple[IntArray, FloatArray]:
     """For each tree the nearest places of the field (n, k) and their weights; only those of the nearest one's block."""
     count = min(4, len(field.block))
     distance, places = cKDTree(field.centre).query(xy, k=list(range(1, count + 1)))
     at = np.asarray(places, dtype=np.int64)
-    weight = (field.block[at] == field.block[at[:, :1]]) / (distance**2 + (STEP / 2 * side) ** 2)
+    weight = (field.block[at] == field.block[at[:, :1]]) / (distance**2 + (STEP / 2 * field.side) ** 2)
     return at, weight / weight.sum(axis=1, keepdims=True)
 
 

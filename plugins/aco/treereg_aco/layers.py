@@ -24,9 +24,9 @@ LAYERS = 3
 # Least share of the trees in rows where there are rows, within so many tree distances. In a forest, whose trees keep
 # apart, chance gives up to half; an orchard with a third missed and a third false two thirds.
 LEAST_SHARE, HERE = 0.5, 1.2
-# Rows that run another way have so many trees at least, and this share of them belongs to no other row: among strangers
-# short rows are chance, and the loose ends of rows stand in line with each other.
-LONG, STRANGE = 6, 0.5
+# Rows that run another way have so many trees at least, this share of them in no other row, and stand not
+# much farther apart than in other rows: among strangers there are rows by chance, and the loose ends of rows stand in line.
+LONG, STRANGE, CLOSE = 6, 0.5, 1.5
 # A step so many times longer than the row's usual one sets the trees beyond it apart, up to so many.
 WIDE, LOOSE = 1.4, 3
 # So many standard deviations of what errors of planting and detection make of a straight row are a turn of the row; the
@@ -41,10 +41,12 @@ def all_rows(features: FeatureSet, habits: Habits, rng: Callable[[int], np.rando
     Raises `NoRegistration` where the trees stand in no rows.
     """
     trees = upright(features)
-    rows, free = layer_of(trees, habits, rng(0))
+    side = tree_distance(trees)
+    rows, free = layer_of(trees, side, habits, rng(0))
     share = share_in_rows(trees, free)
     if share < LEAST_SHARE:
         raise NoRegistration(f"rows would hold only {share:.0%} of the trees about them, as they may by chance")
+    usual = float(np.median([usual_step(row, trees.xy) for row in rows]))
     for layer in range(1, LAYERS):
         loose = free.copy()
         for row in rows:
@@ -52,10 +54,11 @@ def all_rows(features: FeatureSet, habits: Habits, rng: Callable[[int], np.rando
             loose[row[:first]] = loose[row[after:]] = True
         at = np.flatnonzero(loose)
         try:
-            found, _ = layer_of(trees.take(at), habits, rng(layer))
+            found, _ = layer_of(trees.take(at), side, habits, rng(layer))
         except NoRegistration:
             break
-        found = [at[row] for row in found if len(row) >= LONG and free[at[row]].mean() >= STRANGE]
+        found = [at[row] for row in found if len(row) >= LONG]
+        found = [row for row in found if free[row].mean() >= STRANGE and usual_step(row, trees.xy) <= CLOSE * usual]
         taken = np.isin(np.arange(len(trees)), np.concatenate([*found, np.zeros(0, dtype=np.int64)]))
         rows = [row for row in (row[~taken[row]] for row in rows) if len(row) > 1] + found
         free &= ~taken
@@ -74,9 +77,11 @@ def upright(features: FeatureSet) -> FeatureSet:
     return features.replace(xy=xy).take(np.lexsort((features.ids, xy[:, 1], xy[:, 0])))
 
 
-def layer_of(trees: FeatureSet, habits: Habits, rng: np.random.Generator) -> tuple[list[IntArray], BoolArray]:
+def layer_of(
+    trees: FeatureSet, side: float, habits: Habits, rng: np.random.Generator
+) -> tuple[list[IntArray], BoolArray]:
     """Rows as positions of trees in order, and which trees are left over (n,). Raises `NoRegistration` for no rows."""
-    frames = row_frames(trees)
+    frames = row_frames(trees, side)
     model = first_model(trees, frames)
     ground = Ground(trees.xy, frames.along, frames.spacing, frames.near, np.zeros(len(trees)))
     graph = graph_of(ground, habits.reach, 1.6 * model.half_width, model.across)
@@ -104,6 +109,11 @@ def share_in_rows(trees: FeatureSet, free: BoolArray) -> float:
     return float(np.count_nonzero(~free) / np.count_nonzero(here))
 
 
+def usual_step(row: IntArray, xy: FloatArray) -> float:
+    """The median step of a row, metres."""
+    return float(np.median(np.hypot(*np.diff(xy[row], axis=0).T)))
+
+
 def without_loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:
     """Where a row begins and where it has ended without the few trees at its ends that stand apart from the others.
 
@@ -112,6 +122,6 @@ def without_loose_ends(row: IntArray, xy: FloatArray) -> tuple[int, int]:
     if len(row) <= LOOSE:
         return len(row), len(row)
     steps = np.hypot(*np.diff(xy[row], axis=0).T)
-    wide = np.flatnonzero(steps > WIDE * np.median(steps))
+    wide = np.flatnonzero(steps > WIDE * usual_step(row, xy))
     head, tail = wide[wide < LOOSE], wide[wide >= max(len(steps) - LOOSE, LOOSE)]
     return (int(head[-1]) + 1 if len(head) else 0), (int(tail[0]) + 1 if len(tail) else len(row))

@@ -24,8 +24,8 @@ LAYERS = 3
 # Least share of the trees in rows where there are rows, within so many tree distances. In a forest, whose trees keep
 # apart, chance gives up to half; an orchard with a third missed and a third false two thirds.
 LEAST_SHARE, HERE = 0.5, 1.2
-# Rows that run another way have so many trees at least, this share of them in no other row, and stand not
-# much farther apart than in other rows: among strangers there are rows by chance, and the loose ends of rows stand in line.
+# Rows that run another way have so many trees at least, this share of them in no other row, and steps not much longer
+# than other rows': among strangers there are rows by chance, and the loose ends of rows stand in line.
 LONG, STRANGE, CLOSE = 6, 0.5, 1.5
 # A step so many times longer than the row's usual one sets the trees beyond it apart, up to so many.
 WIDE, LOOSE = 1.4, 3
@@ -59,7 +59,9 @@ def all_rows(features: FeatureSet, habits: Habits, rng: Callable[[int], np.rando
             break
         found = [at[row] for row in found if len(row) >= LONG]
         found = [row for row in found if free[row].mean() >= STRANGE and usual_step(row, trees.xy) <= CLOSE * usual]
-        taken = np.isin(np.arange(len(trees)), np.concatenate([*found, np.zeros(0, dtype=np.int64)]))
+        if not found:
+            break
+        taken = np.isin(np.arange(len(trees)), np.concatenate(found))
         rows = [row for row in (row[~taken[row]] for row in rows) if len(row) > 1] + found
         free &= ~taken
     return [trees.ids[row] for row in rows]
@@ -91,10 +93,11 @@ def layer_of(
     # what the first search has shown of rows and strangers teaches the second
     model = learned(model, frames, rows, trees.xy)
     ground = ground._replace(evidence=evidence(trees, ~left))
-    rows, left = search(ground, graph, model, habits, rng)
+    rows, _ = search(ground, graph, model, habits, rng)
     if not rows:
         raise NoRegistration(f"the {len(trees)} trees stand in no rows that can be told from chance")
-    return ended_at_paths(stitched(rows, trees.xy, frames, habits.stitching_reach), trees.xy, frames), left
+    rows = ended_at_paths(stitched(rows, trees.xy, frames, habits.stitching_reach), trees.xy, frames)
+    return rows, ~np.isin(np.arange(len(trees)), np.concatenate(rows))
 
 
 def angle_limit(model: RowModel, frames: Frames) -> float:

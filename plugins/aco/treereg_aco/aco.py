@@ -54,7 +54,7 @@ class Aco(RowDetector):
         None,
         ge=90,
         le=180,
-        description="sharpest angle of a row at a tree, 180 being straight; without it chosen from the survey",
+        description="sharpest angle of an ant's way at a tree, 180 being straight; without it chosen from the survey",
         json_schema_extra={"unit": "deg"},
     )
     reach: float = Field(

@@ -72,8 +72,11 @@ class Aco(RowDetector):
         """The rows of one survey. Raises `NoRegistration` where its trees stand in no rows."""
         if len(features) < LEAST_TREES or features.spacing == 0:
             raise NoRegistration(f"{len(features)} trees are too few, or too close together, to show rows")
+        from treereg_aco.compiled import is_compiled
         from treereg_aco.layers import all_rows
 
+        if not is_compiled():
+            context.progress("aco: compiling, once; this takes a quarter of a minute")
         habits = Habits(**self.model_dump())
         if self.angle_limit is None:
             habits = habits._replace(angle_limit=nan)

@@ -30,6 +30,11 @@ def compiled(function: F) -> F:
         setattr(config, SETTING, before)
 
 
+def is_compiled() -> bool:
+    """Whether compiled code of these sources is kept from an earlier run."""
+    return any(folder(getattr(config, SETTING)).rglob("*.nbc"))
+
+
 @cache
 def folder(given: str) -> Path:
     """Where compiled code is kept: for these very sources, in the folder given, beside them, or the user's own."""

@@ -4,11 +4,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from treereg_core.api import register
+    from treereg_core.detection import detect_rows
     from treereg_core.hookspecs import hookimpl
 
-__all__ = ["hookimpl", "register"]
+__all__ = ["detect_rows", "hookimpl", "register"]
 
-_HOMES = {"hookimpl": "treereg_core.hookspecs", "register": "treereg_core.api"}
+_HOMES = {
+    "detect_rows": "treereg_core.detection",
+    "hookimpl": "treereg_core.hookspecs",
+    "register": "treereg_core.api",
+}
 
 
 def __getattr__(name: str) -> Any:

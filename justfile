@@ -33,6 +33,14 @@ accuracy *arguments:
 calibration +files:
     uv run python -m benchmarks.calibration {{ files }}
 
+# Methods and starts side by side: `just methods icp.csv aco.csv`
+methods +files:
+    uv run python -m benchmarks.methods {{ files }}
+
+# Rows against the true ones, and pictures of them: `just rows --family noisy --pictures pictures`
+rows *arguments:
+    uv run python -m benchmarks.rows {{ arguments }}
+
 # Seconds and memory over sizes of orchards
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}

@@ -16,6 +16,8 @@ from treereg_core.transform import FloatArray
 SMOOTHING = 3
 # Points of a line lie this share of the in-row spacing apart.
 STEP = 0.5
+# Points of lines are at most so many times as many as the trees.
+MOST = 40
 # A line still says where its row runs so many in-row spacings beyond its last tree.
 BEYOND = 2.0
 # So many trees tell how far the rows stand apart, each from so many of its neighbours.
@@ -109,6 +111,7 @@ def step_along(xy: FloatArray, row: IntArray) -> float:
     That of the lower third: steps over missing trees are longer.
     """
     step = np.hypot(*np.diff(xy, axis=0).T)[np.diff(row) == 0]
+    step = step[step > 0]
     return float(np.quantile(step, 1 / 3)) if len(step) else 0.0
 
 
@@ -143,7 +146,9 @@ def _points(
     last = np.append(np.diff(row) != 0, True)
     first = np.append(True, last[:-1])
     way = np.roll(smooth, -1, axis=0) - smooth
-    count = np.where(last, 1, np.maximum(np.ceil(np.hypot(*way.T) / step), 1)).astype(np.int64)
+    length = np.hypot(*way.T) * ~last
+    step = max(step, float(length.sum()) / (MOST * len(row)))  # rows with a few huge steps must not fill the memory
+    count = np.where(last, 1, np.maximum(np.ceil(length / step), 1)).astype(np.int64)
     at = np.repeat(np.arange(len(row)), count)
     begin = np.cumsum(count) - count
     part = ((np.arange(len(at)) - begin[at]) / count[at])[:, None]

@@ -10,6 +10,7 @@ import numpy as np
 from treereg_core.errors import NoRegistration
 from treereg_core.evidence import Evidence
 from treereg_core.features import IntArray
+from treereg_core.footprint import Footprint
 from treereg_core.method import Context, RowMatcher
 from treereg_core.pair import Pair
 from treereg_core.row_laying import Laid, lay
@@ -102,7 +103,10 @@ class _Search:
     def placements(self) -> list[Affine]:
         """Distinct placements, likeliest first. Raises `NoRegistration` when no rows meet."""
         rng = self.context.rng(NearestRows.name)
-        covered = self.evidence.reference.footprint.covers(self.pair.source_in_reference)
+        # where rows stand far apart the ground of the evidence is a strip along each
+        xy, spacing = self.pair.reference.xy, self.pair.reference.spacing
+        ground = Footprint.of(xy, max(2.5 * spacing, self.reference.distance))
+        covered = ground.covers(self.pair.source_in_reference)
         if not covered[self.source.trees].any():
             raise NoRegistration("no row of the source lies on the ground of the reference, so none can be matched")
         asked = _some(rng, np.flatnonzero(covered[self.source.trees]), ON_LINES)
@@ -121,7 +125,8 @@ class _Search:
         laid = self.lined_up(start, [start], asked)
         if laid.tight.max() > SURE:
             yield laid.take(np.arange(1))
-            yield laid
+            if len(laid) > 1:
+                yield laid
         laid = self.lined_up(start, self._turned(start, asked), asked)
         if not laid.tight.max() > MEET:
             raise NoRegistration("the rows of the two surveys cross each other or lie apart, so none can be matched")

@@ -16,7 +16,20 @@ PLUGINS = sorted((ROOT / "plugins").glob("*/treereg_*"))
 RUNNER = {
     f"treereg_core.{name}"
     for name in (
-        *("api", "cli", "expression", "io", "judge", "options", "outputs", "pipeline", "plan", "registry", "result"),
+        *(
+            "api",
+            "cli",
+            "detection",
+            "expression",
+            "io",
+            "judge",
+            "options",
+            "outputs",
+            "pipeline",
+            "plan",
+            "registry",
+            "result",
+        ),
         *("rows", "settings", "simulate", "survey", "testing"),
     )
 }

@@ -322,3 +322,28 @@ def test_what_rows_give_without_a_point_matcher_is_the_fit_to_their_trees() -> N
     again = along_rows(matched, CONTEXT)
     assert (again.pairs == found.pairs).all()
     assert len(found.pairs) > 0.9 * len(ordinary().true_pairs())
+
+
+def test_hedges_far_apart_are_laid_on_each_other() -> None:
+    """Rows that stand five of their spacings apart, so that the ground between trees is a strip along each row."""
+    rng = np.random.default_rng(4)
+    xy = np.array([[0.8 * i, 4.0 * k] for k in range(10) for i in range(60)]) + 0.06 * rng.standard_normal((600, 2))
+    area = np.exp(0.3 * rng.standard_normal(600))
+    rows = Rows(tuple(np.arange(60) + 60 * k for k in range(10)))
+    survey = FeatureSet.of(xy, area=area)
+    seen_again = FeatureSet.of(xy + 0.03 * rng.standard_normal(xy.shape), area=area)
+    start = Rigid.turn(0, shift=(1.4, -1.5))
+    result = NearestRows().match(Pair(survey, seen_again, start, MatchedRows(rows, rows, NO_MATCHES)), CONTEXT)[0]
+    np.testing.assert_allclose(result.reference_from_source(xy), xy, atol=0.1)
+
+
+def test_rows_in_which_trees_stand_twice_are_matched() -> None:
+    twice = FeatureSet.of(np.repeat(grid(12, 9), 2, axis=0))
+    rows = Rows(tuple(np.arange(18) + 18 * k for k in range(12)))
+    result = NearestRows().match(Pair(twice, twice, rows=MatchedRows(rows, rows, NO_MATCHES)), CONTEXT)[0]
+    np.testing.assert_allclose(result.reference_from_source(twice.xy), twice.xy, atol=0.01)
+
+
+def test_a_few_huge_steps_do_not_fill_the_memory() -> None:
+    far = FeatureSet.of(np.array([[0.0, 0], [1e-5, 0], [2e-5, 0], [300, 0]]))
+    assert len(RowLines.of(Rows((np.arange(4),)), far).points) <= 200

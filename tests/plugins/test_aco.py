@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -13,9 +15,11 @@ from hypothesis import strategies as st
 from treereg_aco import Aco
 from treereg_aco.colony import Colony, construct, deposit
 from treereg_aco.compiled import digest
+from treereg_aco.frames import Frames
 from treereg_aco.ground import STEPS, Ground, graph_of
 from treereg_aco.habits import Habits
 from treereg_aco.model import RowModel
+from treereg_aco.paths import ended_at_paths
 
 from benchmarks.edges import compare
 from treereg_core.errors import NoRegistration
@@ -281,6 +285,57 @@ def test_a_few_trees_seen_twice_at_one_place_do_no_harm() -> None:
     xy = lattice(30, 15)
     rows = Aco().detect(shaken(np.vstack([xy, xy[::9]]), 0.0), CONTEXT)
     assert len(rows) == 15
+
+
+def test_second_detections_make_no_second_row() -> None:
+    rng = np.random.default_rng(1)
+    xy = lattice(20, 12)
+    seen_twice = rng.random(len(xy)) < 0.2
+    rows = Aco().detect(shaken(np.vstack([xy, xy[seen_twice]])), CONTEXT)
+    assert len(rows) <= 14
+
+
+@pytest.mark.parametrize("side", [8, 10, 12])
+def test_small_square_orchards_with_many_trees_missing_have_rows(side: int) -> None:
+    rng = np.random.default_rng(side)
+    refused = 0
+    for seed in range(6):
+        try:
+            rows = Aco().detect(shaken(lattice(side, side, 5, 5)[rng.random(side**2) >= 0.3], 0.35, seed), CONTEXT)
+            assert sum(len(row) for row in rows.trees) > 0.5 * 0.7 * side**2
+        except NoRegistration:
+            refused += 1
+    assert refused <= 1
+
+
+def test_a_block_with_wider_steps_is_not_cut_up() -> None:
+    close, wide = lattice(60, 30), lattice(30, 30, 4.5) + np.array([190.0, 0.0])
+    rows = Aco().detect(shaken(np.vstack([close, wide]), 0.15), CONTEXT)
+    assert len(rows) <= 66
+
+
+def test_the_search_for_paths_ends_where_rows_meet_in_a_ring() -> None:
+    begin = np.array([[3.15, 23.69], [2.8, 10.66], [19.92, 12.71], [11.71, 7.01]])
+    heading = np.array([[0.598, 0.802], [-0.887, -0.461], [-0.917, 0.398], [-0.451, 0.893]])
+    steps_of = (
+        [4.96, 2, 4.96, 4.96, 4.96, 2, 4.96],
+        [8, 2],
+        [2, 3.67, 2, 2, 3.67, 2, 3.67, 3.67, 2, 2, 3.67, 3.67],
+        [2, 2, 5.35, 2, 2, 5.35, 5.35, 2],
+    )
+    places = [
+        b + np.concatenate([[0], np.cumsum(s)])[:, None] * h for b, h, s in zip(begin, heading, steps_of, strict=True)
+    ]
+    xy = np.vstack(places)
+    along = np.vstack([np.tile(h, (len(p), 1)) for h, p in zip(heading * [[1], [-1], [-1], [-1]], places, strict=True)])
+    rows = np.split(np.arange(len(xy)), np.cumsum([len(p) for p in places])[:-1])
+    frames = Frames(along, np.full(len(xy), 2.0), np.full(len(xy), 4.0), np.zeros((len(xy), 1), int), 4.0)
+    assert sum(len(row) for row in ended_at_paths(rows, xy, frames)) <= len(xy)
+
+
+def test_numba_is_imported_only_when_rows_are_looked_for() -> None:
+    code = "import sys, treereg_aco; treereg_aco.Aco(); sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_rings_are_rows() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from treereg_aco.compiled import compiled
 from treereg_aco.corridor import best_chain
-from treereg_aco.ground import STEPS, Graph, Ground, step
+from treereg_aco.ground import SHORTEST, STEPS, Graph, Ground, step
 from treereg_aco.habits import Habits
 from treereg_aco.model import RowModel
 from treereg_core.features import BoolArray, IntArray
@@ -80,10 +80,25 @@ def search(
             if len(row) > 0:
                 free[row] = False
                 rows.append(row)
+                put_aside_twins(row, colony)
             else:
                 in_vain[best[k]] = TRIES
         untried = untried[free[untried] & (in_vain[untried] < TRIES)]
-    return rows[1:], free
+    left = np.ones(n, np.bool_)
+    for row in rows:
+        left[row] = False
+    return rows[1:], left
+
+
+@compiled
+def put_aside_twins(row: IntArray, colony: Colony) -> None:
+    """Keep from being a row what stands at the planting positions of a row that was taken out: second detections."""
+    ground = colony.ground
+    for tree in row:
+        for other in ground.near[tree]:
+            ahead, aside, _ = step(ground, tree, other)
+            if abs(ahead) < SHORTEST * ground.spacing[tree] and abs(aside) < colony.model.half_width:
+                colony.free[other] = False
 
 
 @compiled

@@ -44,8 +44,12 @@ def folder(given: str) -> Path:
     beside = PACKAGE / "__pycache__"
     if os.access(beside if beside.exists() else PACKAGE, os.W_OK):
         return beside / name
-    home = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
-    return (Path(home) if os.access(home, os.W_OK) else Path(tempfile.gettempdir())) / name
+    home = Path(os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache")
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+    except OSError:  # a folder that others can guess would let them put their code into it
+        return Path(tempfile.mkdtemp(prefix=name))
+    return home / name
 
 
 def digest(package: Path) -> str:

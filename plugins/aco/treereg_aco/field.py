@@ -29,6 +29,8 @@ STRONG = 0.3
 SQUARE = 0.03
 # Radius of the ground about a tree, in tree distances.
 GROUND = 4.0
+# Planting may be closer than trees stand by this share.
+SPARSE = 0.75
 # A single row has so many trees at least, and they scatter across it by this share of their distance at most.
 LEAST_IN_ROW = 6
 SLENDER = 0.25
@@ -68,16 +70,23 @@ def tree_distance(features: FeatureSet) -> float:
 
 
 def row_field(features: FeatureSet) -> Field:
-    """The waves of the rows wherever there are rows; no place at all where the trees stand in none.
-
-    Blocks are grown one after the other, each from its clearest window and from each of
-    that window's waves. The rows are the lines of the widest spacing among the strong ones, since there trees
-    stand closest in line; on a square lattice, those along which the block is longer.
-    """
+    """The waves of the rows wherever there are rows; no place at all where the trees stand in none."""
     alone = single_row(features)
     if alone is not None:
         return alone
     side = tree_distance(features)
+    field = field_of(features, side)
+    # where many trees are missing, those left stand farther apart than the planting
+    return field if len(field.block) else field_of(features, SPARSE * side)
+
+
+def field_of(features: FeatureSet, side: float) -> Field:
+    """The field of all blocks, for trees that are planted about so many metres apart.
+
+    Blocks are grown one after the other, each from its clearest window and from each of that window's waves. The rows
+    are the lines of the widest spacing among the strong ones, since there trees stand closest in line; on a square
+    lattice, those along which the block is longer.
+    """
     windows = windows_of(features, side)
     free = np.ones(len(windows.centre), dtype=np.bool_)
     wave, block = np.zeros((len(free), 2)), np.full(len(free), -1, dtype=np.int64)

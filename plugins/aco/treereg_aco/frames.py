@@ -34,7 +34,8 @@ STRIP = 0.12
 class Frames:
     """For each tree: the unit vector along its row (n, 2), the spacing in the row (n,) and that of rows (n,), metres.
 
-    Vectors run the same way from tree to tree within a block. `near` (n, k) are the trees around each, nearest first,
+    Vectors run the same way from tree to tree within a block, but for a seam
+    where its rows close round a hilltop. `near` (n, k) are the trees around each, nearest first,
     itself left out. `lane` is the distance from a row to the nearest other one, metres: less than the row spacing where
     rows stand in pairs.
     """
@@ -57,7 +58,10 @@ def row_frames(features: FeatureSet, side: float) -> Frames:
     if not len(field.block):
         raise NoRegistration(f"the {len(features)} trees stand in no rows that can be told from chance")
     at, weight = around(field, features.xy)
-    wave = (field.wave[at] * weight[..., None]).sum(axis=1)
+    wave = field.wave[at]
+    # round a hilltop a field of lines cannot be given one sense everywhere
+    wave = wave * np.where((wave * wave[:, :1]).sum(axis=2) < 0, -1, 1)[..., None]
+    wave = (wave * weight[..., None]).sum(axis=1)
     length = np.hypot(*wave.T)
     along = np.column_stack([-wave[:, 1], wave[:, 0]]) / length[:, None]
     count = min(NEIGHBOURS, len(features) - 1)

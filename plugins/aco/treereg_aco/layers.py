@@ -63,7 +63,7 @@ def all_rows(features: FeatureSet, habits: Habits, rng: Callable[[int], np.rando
             break
         taken = np.isin(np.arange(len(trees)), np.concatenate(found))
         rows = [row for row in (row[~taken[row]] for row in rows) if len(row) > 1] + found
-        free &= ~taken
+        free = ~np.isin(np.arange(len(trees)), np.concatenate(rows))
     return [trees.ids[row] for row in rows]
 
 
@@ -94,9 +94,10 @@ def layer_of(
     model = learned(model, frames, rows, trees.xy)
     ground = ground._replace(evidence=evidence(trees, ~left))
     rows, _ = search(ground, graph, model, habits, rng)
+    if rows:
+        rows = ended_at_paths(stitched(rows, trees.xy, frames, habits.stitching_reach), trees.xy, frames)
     if not rows:
         raise NoRegistration(f"the {len(trees)} trees stand in no rows that can be told from chance")
-    rows = ended_at_paths(stitched(rows, trees.xy, frames, habits.stitching_reach), trees.xy, frames)
     return rows, ~np.isin(np.arange(len(trees)), np.concatenate(rows))
 
 

@@ -19,6 +19,7 @@ STRANGERS = 0.1
 TAKEN = (0.4, 0.98)
 EVIDENCE = (-3.0, 2.0)
 FEW = 15
+LEAST_SPREAD = 0.05
 
 
 class RowModel(NamedTuple):
@@ -92,14 +93,12 @@ def evidence(features: FeatureSet, in_rows: BoolArray) -> FloatArray:
     for values in (logit(np.clip(features.confidence, 1e-3, 1 - 1e-3)), size - np.median(size[near], axis=1)):
         inside, inside_sd = centre_and_spread(values[in_rows])
         outside, outside_sd = centre_and_spread(values[~in_rows])
-        if min(inside_sd, outside_sd) < 1e-2:
-            continue
         odds = 0.5 * ((values - outside) / outside_sd) ** 2 - 0.5 * ((values - inside) / inside_sd) ** 2
         total += np.clip(odds + np.log(outside_sd / inside_sd), *EVIDENCE) * strangers / (strangers + FEW)
     return total
 
 
 def centre_and_spread(values: FloatArray) -> tuple[float, float]:
-    """Median, and the standard deviation that the median absolute deviation stands for."""
+    """Median, and the standard deviation that the median absolute deviation stands for; one that can be divided by."""
     centre = float(np.median(values))
-    return centre, 1.4826 * float(np.median(np.abs(values - centre)))
+    return centre, max(1.4826 * float(np.median(np.abs(values - centre))), LEAST_SPREAD)

@@ -44,23 +44,24 @@ class Way:
     middle: FloatArray
 
     @classmethod
-    def of(cls, rows: list[IntArray], xy: FloatArray, along: FloatArray, spacing: float) -> Way:
+    def of(cls, rows: list[IntArray], xy: FloatArray, frames: Frames) -> Way:
         """The way through all rows; steps are numbered from row to row."""
         first = np.concatenate([row[:-1] for row in rows])
         second = np.concatenate([row[1:] for row in rows])
         row = np.repeat(np.arange(len(rows)), [len(r) - 1 for r in rows])
         length = np.hypot(*(xy[second] - xy[first]).T)
+        spacing = np.maximum(frames.spacing[first], frames.spacing[second])
         count = np.maximum(np.round(2 * length / spacing).astype(np.int64), 1)
         step = np.repeat(np.arange(len(first)), count)
         part = (np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[step]
         place = xy[first[step]] + part[:, None] * (xy[second[step]] - xy[first[step]])
         middle = (xy[first] + xy[second]) / 2
-        return cls(place, along[first[step]], row[step], step, length, length > GAP * spacing, middle)
+        return cls(place, frames.along[first[step]], row[step], step, length, length > GAP * spacing, middle)
 
 
 def ended_at_paths(rows: list[IntArray], xy: FloatArray, frames: Frames) -> list[IntArray]:
     """The rows, cut in two wherever a path crosses them."""
-    way = Way.of(rows, xy, frames.along, float(np.median(frames.spacing)))
+    way = Way.of(rows, xy, frames)
     cut = np.zeros(len(way.length), dtype=np.bool_)
     for _ in range(3):  # gaps that are explained no longer count as chance, which makes further paths plainer
         found = crossed(way, cut, frames)
@@ -96,15 +97,17 @@ def crossed(way: Way, cut: BoolArray, frames: Frames) -> BoolArray:
     for walker, step in ((np.arange(len(seeds)), seeds), left.passed, right.passed):
         counts = likely[walker] & gap[step]
         np.maximum.at(worth, step[counts], total[walker[counts]])
-    return plainest(worth, cut)
+    return plainest(worth, cut, way)
 
 
-def plainest(worth: FloatArray, cut: BoolArray) -> BoolArray:
-    """Of steps of some worth (k,) those that no cut, and no step of more worth, is within `APART` steps of."""
+def plainest(worth: FloatArray, cut: BoolArray, way: Way) -> BoolArray:
+    """Of steps of some worth (k,) those with no cut, and no step of more worth, within `APART` steps along the row."""
     chosen = np.zeros(len(cut), dtype=np.bool_)
+    row = np.zeros(len(cut), dtype=np.int64)
+    row[way.step] = way.row
     for step in np.argsort(-worth, kind="stable")[: np.count_nonzero(worth)]:
-        near = slice(max(step - APART, 0), step + APART + 1)
-        chosen[step] = not (chosen[near].any() or cut[near].any())
+        near = np.arange(max(step - APART, 0), min(step + APART + 1, len(cut)))
+        chosen[step] = not (chosen[near] | cut[near])[row[near] == row[step]].any()
     return chosen
 
 
@@ -125,7 +128,7 @@ def walk(way: Way, evidence: FloatArray, seeds: IntArray, angle: FloatArray, fra
     start = np.asarray(tree.query(place)[1], dtype=np.int64)
     row, heading = way.row[start].copy(), turned(way.along[start], angle)
     lane, farthest = frames.lane, NEXT_ROW * max(frames.lane, float(np.median(frames.row_spacing)))
-    since = np.zeros(len(seeds))
+    since, gone = np.zeros(len(seeds)), np.zeros(len(seeds))
     now, best, end = np.zeros(len(seeds)), np.zeros(len(seeds)), place.copy()
     history: list[tuple[IntArray, IntArray]] = []
     best_turn = np.zeros(len(seeds), dtype=np.int64)
@@ -139,9 +142,15 @@ def walk(way: Way, evidence: FloatArray, seeds: IntArray, angle: FloatArray, fra
         at, near = alive[come], near[come]
         across = turned(way.along[near], np.full(len(at), np.pi / 2))
         place[at] += ((way.xy[near] - place[at]) * across).sum(axis=1)[:, None] * across
-        onward = turned(way.along[near], angle[at])
-        heading[at] = onward * np.where((onward * heading[at]).sum(axis=1) < 0, -1, 1)[:, None]
+        ahead = turned(way.along[near], angle[at])
+        heading[at] = ahead * np.where((ahead * heading[at]).sum(axis=1) < 0, -1, 1)[:, None]
         row[at], since[at] = way.row[near], 0
+        # where rows meet at angles, a walker could go round in a circle for ever
+        far = np.hypot(*(place[at] - way.middle[seeds[at]]).T)
+        onward = far > gone[at]
+        since[at[~onward]] = np.inf
+        at, near = at[onward], near[onward]
+        gone[at] = far[onward]
         now[at] += evidence[way.step[near]]
         history.append((at, way.step[near]))
         better = at[now[at] > best[at]]

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from treereg_core.features import FeatureSet, IntArray, frozen_array
+from treereg_core.learning import State
 from treereg_core.pair import Pair, Rows
 from treereg_core.transform import Affine, FloatArray, Model
 
@@ -32,6 +33,9 @@ class Context:
     - `model`: the kind of transform to fit; `context.model.fit(source, reference, weights)`.
     - `seed`: everything random derives from it, through `rng`.
     - `threads`: how many a stage may use; results must not depend on it.
+    - `memory`: what earlier registrations of this orchard taught each method that learns, by its name; empty at first.
+    - `home_from_reference`: takes the reference's working coordinates to those in which the memory keeps single trees;
+      None when that is not known.
     - `georeference_sd`: how far the files' own georeference may be off, metres, 1 sd per axis; None: unknown.
     - `progress`: takes a short sentence on what is being done.
     """
@@ -41,6 +45,8 @@ class Context:
     threads: int = 1
     georeference_sd: float | None = None
     progress: Callable[[str], None] = silent
+    memory: Mapping[str, State] = field(default_factory=dict)
+    home_from_reference: Affine | None = None
 
     def rng(self, *key: str | int) -> np.random.Generator:
         """A generator of its own for this key: results do not depend on the order of calls."""

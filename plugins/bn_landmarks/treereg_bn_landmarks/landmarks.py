@@ -1,0 +1,132 @@
+"""The feature filter `bn_landmarks`, and how it learns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from treereg_bn_landmarks import network
+from treereg_bn_landmarks.choice import choose
+from treereg_bn_landmarks.counting import count, tempered
+from treereg_bn_landmarks.evidence import Side, evidence, footprint, sides
+from treereg_bn_landmarks.memory import NAME, Memory
+from treereg_core.errors import NoRegistration
+from treereg_core.features import IntArray
+from treereg_core.learning import Learner, Outcome, State
+from treereg_core.method import Context, FeatureFilter
+from treereg_core.pair import Pair
+from treereg_core.transform import Affine, FloatArray
+
+LEAST = 3
+"""Fewer trees are no planting."""
+
+
+class Landmarks(FeatureFilter, Learner):
+    """Landmarks by a Bayesian network (Pearl 1988, doi:10.1016/C2009-0-27609-4; treereg's founding proposal, 3.3.1).
+
+    A landmark is a real tree that both surveys show. Each tree's probability of being one follows from its confidence
+    and those around it, its crown against its neighbours', its place in the planting, what stands there in the other
+    survey under the present transform, and what earlier surveys had there. The most probable share goes on, partners
+    together and spread over the orchard, so that they fix the rotation; each tree's weight is multiplied by its
+    probability, which it carries as the attribute `landmark`.
+
+    Good when the start is within about a third of the in-row spacing. From farther off few trees have partners, and
+    the probabilities say so. What is learned of an orchard changes the network's tables, and adds which single trees
+    earlier surveys had.
+    """
+
+    name = NAME
+    needs_pair = True
+
+    share: float = Field(0.2, gt=0, le=1, description="share of each survey's trees that goes on, the most probable")
+
+    def select(self, pair: Pair, context: Context) -> Pair:
+        """The most probable landmarks of both surveys. Raises `NoRegistration` when nothing can be chosen."""
+        found = probabilities(pair, context)
+        both = sides(pair, context.threads)
+        kept = []
+        for side, probability, mask in zip(both, found, choose(both, found, self.share), strict=True):
+            features = side.features.take(mask)
+            attributes = {**features.attributes, "landmark": probability[mask]}
+            kept.append(features.replace(weight=features.weight * probability[mask], attributes=attributes))
+        return pair.narrow(*kept)
+
+    def learn(self, outcome: Outcome, state: State) -> State:
+        """The state with this outcome's counts, and its source's trees where the home frame is known.
+
+        Raises `InputError` for a damaged state.
+        """
+        memory = Memory.of(state)
+        pair, home = outcome.pair, outcome.home_from_reference
+        if not _can_be_told(pair):
+            return memory.state()
+        both = _as_matched(sides(pair), outcome.matches)
+        learned = network.none()
+        table = network.posterior(memory.counts)
+        for side, seen in zip(both, _all_evidence(pair, both, memory, home), strict=True):
+            counted = seen[side.covered]
+            real, landmark = network.look_up(table, counted).T
+            more = tempered(count(counted, real, landmark), len(counted))
+            learned = {node: learned[node] + more[node] for node in learned}
+        memory = memory.with_counts(learned)
+        if home is not None:
+            source = both[1]
+            ground, reference_from_home = footprint(pair.source, source.planting.step), home.inverse()
+            source_from_home = pair.reference_from_source.inverse() @ reference_from_home
+            memory = memory.with_trees(
+                home(source.xy), source.planting.step, lambda xy: ground.covers(source_from_home(xy))
+            )
+        return memory.state()
+
+    def export(self, state: State) -> Mapping[str, str]:
+        """`bn_landmarks.xml`: the network with what was learned, in the XML Bayesian interchange format."""
+        return {f"{NAME}.xml": network.xmlbif(Memory.of(state).counts)}
+
+
+def probabilities(pair: Pair, context: Context) -> tuple[FloatArray, FloatArray]:
+    """P(landmark) of every tree of the reference (n,) and of the source (m,).
+
+    Raises `NoRegistration` for surveys of fewer than three trees that stand apart, `InputError` for a damaged memory.
+    """
+    if not _can_be_told(pair):
+        raise NoRegistration("a survey has too few trees that stand apart to tell landmarks from other detections")
+    memory = Memory.of(context.memory.get(NAME, {}))
+    table = network.posterior(memory.counts)
+    both = sides(pair, context.threads)
+    reference, source = _all_evidence(pair, both, memory, context.home_from_reference)
+    return network.look_up(table, reference)[:, 1], network.look_up(table, source)[:, 1]
+
+
+def evidence_of(pair: Pair, state: State, home_from_reference: Affine | None) -> tuple[IntArray, IntArray]:
+    """The evidence on the trees of both surveys, (n, nodes) and (m, nodes), as classes of `structure.EVIDENCE`."""
+    return _all_evidence(pair, sides(pair), Memory.of(state), home_from_reference)
+
+
+def _all_evidence(
+    pair: Pair, both: tuple[Side, Side], memory: Memory, home: Affine | None
+) -> tuple[IntArray, IntArray]:
+    reference, source = both
+    rows = (pair.rows.reference, pair.rows.source) if pair.rows else (None, None)
+    return (
+        evidence(reference, source, rows[0], memory.earlier(reference.xy, home, reference.planting.step)),
+        evidence(source, reference, rows[1], memory.earlier(source.xy, home, source.planting.step)),
+    )
+
+
+def _can_be_told(pair: Pair) -> bool:
+    return all(len(features) >= LEAST and features.spacing > 0 for features in (pair.reference, pair.source))
+
+
+def _as_matched(both: tuple[Side, Side], matches: IntArray) -> tuple[Side, Side]:
+    """The sides with the judge's pairs as the mutual partners, and no others."""
+    at = [side.features.positions(ids) for side, ids in zip(both, matches.T, strict=True)]
+    known = (at[0] >= 0) & (at[1] >= 0)
+    matched = []
+    for side, mine, theirs in ((both[0], at[0][known], at[1][known]), (both[1], at[1][known], at[0][known])):
+        partner, mutual = side.partner.copy(), np.zeros(len(side.xy), dtype=bool)
+        partner[mine], mutual[mine] = theirs, True
+        matched.append(replace(side, partner=partner, mutual=mutual))
+    return matched[0], matched[1]

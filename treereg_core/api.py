@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from treereg_core import io
 from treereg_core.errors import NoRegistration, UsageError
 from treereg_core.features import FeatureSet
+from treereg_core.judgement import Verdict
 from treereg_core.method import Context, silent
 from treereg_core.options import Options
 from treereg_core.pair import Pair
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
+from treereg_core.recall import Recall
 from treereg_core.registry import installed
 from treereg_core.result import Result, trees
 from treereg_core.settings import record
@@ -32,14 +35,16 @@ def register(
     model: Model | str = Model.RIGID,
     georeference_sd: float | None = None,
     max_failure: float = 0.001,
+    memory: str | Path | None = None,
     settings: Mapping[str, Mapping[str, object]] | None = None,
     seed: int = 0,
     threads: int | None = None,
 ) -> Result:
-    """Register `source` onto `reference`: the same as `treereg run`, as an object, and nothing is written.
+    """Register `source` onto `reference`: the same as `treereg run`, as an object, and no file of a run is written.
 
     Both are survey folders, or both `Survey` objects in one frame, or both `FeatureSet` objects in one frame of metres.
-    `method` and `start` default to the best measured; `settings` are by stage and parameter; the rest is as in
+    `method` and `start` default to the best measured; `settings` are by stage and parameter; `memory` is the folder of
+    what earlier surveys of this orchard taught, which an accepted registration adds to; the rest is as in
     `treereg run --help`. Raises `InputError` for surveys and `UsageError` for options that cannot be used.
     """
     given = {
@@ -48,6 +53,7 @@ def register(
         "model": model,
         "georeference_sd": georeference_sd,
         "max_failure": max_failure,
+        "memory": memory,
         "settings": {stage: dict(values) for stage, values in (settings or {}).items()},
         "seed": seed,
         "threads": threads,
@@ -81,19 +87,32 @@ def execute(
     clock: Clock,
     progress: Callable[[str], None] = silent,
 ) -> Result:
-    """Carry out a plan: the starts, the stages from each, and the judge over all that comes out."""
+    """Carry out a plan: the starts, the stages from each, and the judge over all that comes out.
+
+    Where the plan has a memory, the stages know it, and an accepted registration is learned from. `InputError` for the
+    memory of another orchard.
+    """
     options = plan.options
     threads = min(options.threads, os.cpu_count() or 1)
     context = Context(options.model, options.seed, threads, options.georeference_sd, progress)
+    recall = Recall.of(options.memory, *surveys) if options.memory else None
+    if recall:
+        context = recall.inform(context, plan)
     pair = Pair(trees(surveys[0]), trees(surveys[1]))
     with clock("start"):
         begins = starts(plan, pair, surveys[0], context)
     progress(f"match: {options.method}, starts: {len(begins)}")
-    candidates = plan.pipeline.registrations(begins, context, clock)
+    candidates = plan.pipeline.candidates(begins, context, clock)
     progress("judge")
     with clock("judge"):
-        judgement = plan.judge.judge(pair, candidates, context, options.max_failure)
-    return Result(plan, surveys[0], surveys[1], judgement, dict(clock.seconds))
+        judgement = plan.judge.judge(pair, [c.registration for c in candidates], context, options.max_failure)
+    warnings: tuple[str, ...] = ()
+    if recall and judgement.verdict is Verdict.ACCEPTED and judgement.transform is not None:
+        rows = next((c.rows for c in candidates if c.registration.transform == judgement.transform), None)
+        placed = replace(pair, reference_from_source=judgement.transform, rows=rows)
+        with clock("learn"):
+            warnings = recall.learn(plan, placed, judgement.matches.pairs, progress)
+    return Result(plan, surveys[0], surveys[1], judgement, dict(clock.seconds), warnings)
 
 
 def starts(plan: Plan, pair: Pair, reference: Survey | FeatureSet, context: Context) -> tuple[Pair, ...]:

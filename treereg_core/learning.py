@@ -21,10 +21,12 @@ State = Mapping[str, Any]
 class Outcome:
     """An accepted registration, as the methods that took part in it learn from it.
 
-    - `pair`: all usable trees of both surveys, at the accepted placement, with the rows that the stages matched, if any.
+    - `pair`: all usable trees of both surveys, at the accepted placement. Its `rows` are those of the stages that led
+      to it, as the row matcher gave them, before later filters; None without a row matcher.
     - `matches` (k, 2): ids (reference, source) of the trees that the judge found to be the same.
     - `home_from_reference`: takes the reference's working coordinates to the frame in which the memory keeps single
-      trees, that of the orchard's first reference; None where that is not known.
+      trees, the full coordinates of the orchard's first reference; None where that is not known. It may be known here
+      though it was not in the context of the run: where the source's place was known, and now the reference's is.
     """
 
     pair: Pair
@@ -43,9 +45,13 @@ class Learner(ABC):
         """What the next registration of this orchard will know: the state so far (empty at first), and this outcome.
 
         Called only after an accepted registration. Returns a new state, and changes nothing; old surveys should count
-        less in it than new ones.
+        less in it than new ones. The state has to survive JSON, and a state of an earlier version of the method must
+        still be understood. An error costs nothing but the lesson: the old state stays.
         """
 
     def export(self, state: State) -> Mapping[str, str]:
-        """Files for other programs, text by name, that say what is known; none unless a method has some."""
+        """Files for other programs, text by name, that say what is known; none unless a method has some.
+
+        They are written beside the memory, under names that begin with the method's, and never read again.
+        """
         return {}

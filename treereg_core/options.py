@@ -37,6 +37,7 @@ class Options(BaseModel):
         json_schema_extra={"unit": "m"},
     )
     max_failure: float = Field(0.001, ge=0, le=1, description="accepted only at a failure probability of at most this")
+    memory: Path | None = Field(None, description="the folder of what earlier surveys of this orchard taught")
     settings: dict[str, dict[str, object]] = Field({}, description="by stage and parameter")
     seed: int = Field(0, ge=0, description="everything random derives from it")
     threads: int = Field(

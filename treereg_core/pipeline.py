@@ -6,7 +6,7 @@ import hashlib
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydantic import SerializeAsAny
@@ -47,10 +47,19 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the fold stands: the pair, and the last fit to it."""
+    """Where the fold stands: the pair, the last fit to it, and the rows as they were matched, before any filter."""
 
     pair: Pair
     registration: Registration | None = None
+    rows: MatchedRows | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What came out of the last stage: a registration, and the matched rows that it went through, if any."""
+
+    registration: Registration
+    rows: MatchedRows | None = None
 
 
 class Pipeline(PointMatcher):
@@ -74,12 +83,16 @@ class Pipeline(PointMatcher):
 
     def register(self, pair: Pair, context: Context) -> Registration:
         """The first result from where the pair lies now. Raises `NoRegistration` when a stage finds nothing."""
-        return next(iter(Run(self.stages, context).results(pair)))
+        return Run(self.stages, context).results(pair)[0].registration
 
     def registrations(self, starts: Sequence[Pair], context: Context, clock: Clock | None = None) -> list[Registration]:
         """The results from all starts, in their order; a start from which a stage finds nothing gives none."""
+        return [candidate.registration for candidate in self.candidates(starts, context, clock)]
+
+    def candidates(self, starts: Sequence[Pair], context: Context, clock: Clock | None = None) -> list[Candidate]:
+        """The same results with the rows that each went through."""
         run = Run(self.stages, context, clock or Clock())
-        found: list[Registration] = []
+        found: list[Candidate] = []
         for start in starts:
             try:
                 found += run.results(start)
@@ -97,7 +110,7 @@ class Run:
     clock: Clock = field(default_factory=Clock)
     rows: dict[bytes, Rows] = field(default_factory=dict)
 
-    def results(self, pair: Pair) -> list[Registration]:
+    def results(self, pair: Pair) -> list[Candidate]:
         """What comes out of the last stage, at least one. Raises `NoRegistration` when nothing does."""
         states = [State(pair)]
         reason = NoRegistration("the stages gave no result")
@@ -112,22 +125,22 @@ class Run:
             states = after
         if not states:
             raise reason
-        return [state.registration or self.by_rows(state.pair) for state in states]
+        return [Candidate(s.registration or self.by_rows(s.pair), s.rows) for s in states]
 
     def step(self, stage: Method, state: State) -> list[State]:
         """What one stage makes of one state."""
         pair = state.pair
         match stage:
             case FeatureFilter():
-                return [State(stage.select(pair, self.context), state.registration)]
+                return [replace(state, pair=stage.select(pair, self.context))]
             case RowDetector():
                 rows = MatchedRows(self.detect(stage, pair.reference), self.detect(stage, pair.source), NO_MATCHES)
                 return [State(Pair(pair.reference, pair.source, pair.reference_from_source, rows))]
             case RowMatcher():
-                return [State(matched) for matched in stage.match(pair, self.context)]
+                return [State(matched, rows=matched.rows) for matched in stage.match(pair, self.context)]
             case PointMatcher():
                 registration = stage.register(pair, self.context)
-                return [State(pair.at(registration.transform), registration)]
+                return [State(pair.at(registration.transform), registration, state.rows)]
         raise TypeError(f"{stage.name} of the role {stage.role} cannot be a stage of a pipeline")
 
     def detect(self, detector: RowDetector, features: FeatureSet) -> Rows:

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from treereg_core import io
 from treereg_core.errors import InputError, UsageError
 from treereg_core.expression import parse
 from treereg_core.judge import Judge
+from treereg_core.learning import Learner
+from treereg_core.memory import check_methods, load
 from treereg_core.method import CoarseAligner, Method
 from treereg_core.options import Options
 from treereg_core.pipeline import Pipeline
@@ -39,15 +42,26 @@ class Plan:
         return None if self.aligner or self.options.start == IDENTITY else Path(self.options.start)
 
     @property
+    def learners(self) -> dict[str, Learner]:
+        """The methods that learn from an accepted registration, by name."""
+        return {stage.name: stage for stage in self._stages if isinstance(stage, Learner)}
+
+    @property
+    def _stages(self) -> list[Method]:
+        return [*([self.aligner] if self.aligner else []), *self.pipeline.stages]
+
+    @property
     def settings(self) -> dict[str, Any]:
         """Every effective value of every stage, by stage."""
-        stages: list[Method] = [*([self.aligner] if self.aligner else []), *self.pipeline.stages]
-        values = {stage.name: stage.model_dump(mode="json") for stage in stages if stage.name in self.plugins}
+        values = {stage.name: stage.model_dump(mode="json") for stage in self._stages if stage.name in self.plugins}
         return {**values, "judge": self.judge.model_dump(mode="json")}
 
 
 def plan_for(options: Options, registry: Registry) -> Plan:
-    """Settle a run. `UsageError` for an expression, start, model or setting that is not right."""
+    """Settle a run. `UsageError` for an expression, start, model or setting that is not right.
+
+    `InputError` for a start or a memory that cannot be used.
+    """
     expression = parse(options.method, registry)
     aligner = aligner_named(options.start, registry)
     classes = {stage.name: stage for stage in (*([aligner] if aligner else []), *expression.stages)}
@@ -61,13 +75,24 @@ def plan_for(options: Options, registry: Registry) -> Plan:
     def made(name: str) -> Any:
         return record(classes[name], chosen.get(name, {}), lambda field: f"{name}.{field}")
 
+    plugins = {name: registry.entry(name).origin for name in sorted(classes)}
+    if options.memory:
+        check_memory(options.memory, plugins)
     return Plan(
         options=options,
         pipeline=Pipeline.of([made(stage.name) for stage in expression.stages]),
         aligner=made(aligner.name) if aligner else None,
         judge=record(Judge, chosen.get("judge", {}), lambda field: f"judge.{field}"),
-        plugins={name: registry.entry(name).origin for name in sorted(classes)},
+        plugins=plugins,
     )
+
+
+def check_memory(folder: Path, plugins: Mapping[str, str]) -> None:
+    """Refuse a memory that cannot be read or written, or was taught to other methods of the same names."""
+    io.check_memory_folder(folder)
+    memory = load(folder)
+    if memory:
+        check_methods(folder, memory, plugins)
 
 
 def aligner_named(start: str, registry: Registry) -> type[CoarseAligner] | None:

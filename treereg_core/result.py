@@ -24,6 +24,7 @@ class Result:
     """What a run found out; `to_json()` is the content of registration.json.
 
     `reference` and `source` are in one working frame; so are the transforms of the judgement. `timings` are seconds.
+    `warnings` are sentences for people on what went wrong beside the registration.
     """
 
     plan: Plan
@@ -31,6 +32,7 @@ class Result:
     source: Survey | FeatureSet
     judgement: Judgement
     timings: Mapping[str, float]
+    warnings: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:

@@ -33,6 +33,7 @@ class Survey:
     - `features`: its usable trees; `xy` in metres in `frame`, `area` in square metres, `ids` the features' indices in
       the file, counted from 0.
     - `count`: the features in the file, unusable ones included.
+    - `digest`: of the outlines and confidences as they stand in the file, the same in every frame and folder.
     - `boundary`: the orchard's outline in `frame`, metres, or None. It is of the reference's making, so it must not
       crop a source that is not registered yet.
     - `warnings`: one sentence each, for stderr.
@@ -43,5 +44,6 @@ class Survey:
     features: FeatureSet
     frame: Frame
     count: int
+    digest: str
     boundary: Geometry | None = None
     warnings: tuple[str, ...] = ()

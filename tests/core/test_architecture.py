@@ -16,21 +16,9 @@ PLUGINS = sorted((ROOT / "plugins").glob("*/treereg_*"))
 RUNNER = {
     f"treereg_core.{name}"
     for name in (
-        *(
-            "api",
-            "cli",
-            "detection",
-            "expression",
-            "io",
-            "judge",
-            "options",
-            "outputs",
-            "pipeline",
-            "plan",
-            "registry",
-            "result",
-        ),
-        *("rows", "settings", "simulate", "survey", "testing"),
+        *("api", "cli", "detection", "expression", "io", "judge", "memory", "options", "outputs"),
+        *("pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
+        *("survey", "testing"),
     )
 }
 """What runs methods, reads files and judges: not for plugins. The rest of the core is public."""

@@ -174,7 +174,6 @@ def test_settings_from_a_file_and_the_command_line(orchard: Path) -> None:
         (["run", "no-a", "no-b"], "no-a: there is no such folder"),
         (["run", "--rasters", "none"], "No such option: --rasters"),
         (["run", "--report"], "No such option: --report"),
-        (["run", "--memory", "x"], "No such option: --memory"),
         (["run", "--method", "ipc"], "there is no method 'ipc'; the nearest right expression is 'icp'."),
         (["run", "--method", "icp+confidence"], "nearest right expression is 'confidence+icp'"),
         (["run", "--start", "corse"], "there is no method 'corse'; did you mean 'coarse'?\n"),

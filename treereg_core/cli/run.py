@@ -57,6 +57,13 @@ def run(
         list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="One setting; repeatable.")
     ] = None,
     config: Config = None,
+    memory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="What earlier surveys of this orchard taught; read, and updated when the result is accepted.",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
     seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
     threads: Annotated[int | None, typer.Option(help="At most this many; default: all processors.")] = None,
@@ -76,6 +83,7 @@ def run(
         "georeference_sd": georeference_sd,
         "model": model,
         "max_failure": max_failure,
+        "memory": memory,
         "settings": merge(tables(context), parse_assignments(set_ or ())),
         "seed": seed,
         "threads": threads,
@@ -95,6 +103,8 @@ def run(
         for warning in (*surveys[0].warnings, *surveys[1].warnings):
             console.warn(warning)
         result = execute(plan, surveys, clock, console.progress)
+        for warning in result.warnings:
+            console.warn(warning)
         files = write_result(result, folder, force)
         error_m = true_error(result, truth) if truth else None
         text = (folder / REGISTRATION).read_bytes()

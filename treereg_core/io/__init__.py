@@ -2,24 +2,43 @@
 
 `read_survey` and `read_surveys` read survey folders into one working frame, `read_transform` the transform in a file;
 `write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`;
-`write_rows` writes the rows of one survey.
+`write_rows` writes the rows of one survey. `read_memory` and `write_memory` keep what an orchard's surveys taught.
 """
 
+from treereg_core.io.crs import full_coordinates
+from treereg_core.io.memory import (
+    MEMORY,
+    check_memory_folder,
+    check_value,
+    damaged,
+    memory_lock,
+    read_memory,
+    write_memory,
+)
 from treereg_core.io.output import RUN_NAMES, SIMULATION_NAMES, OutputFolder
 from treereg_core.io.reading import read_survey, read_surveys
-from treereg_core.io.transforms import read_transform
+from treereg_core.io.transforms import full_from_frame, read_transform
 from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows
 
 __all__ = [
+    "MEMORY",
     "RUN_NAMES",
     "SIMULATION_NAMES",
     "OutputFolder",
+    "check_memory_folder",
+    "check_value",
+    "damaged",
+    "full_coordinates",
+    "full_from_frame",
     "is_survey_file",
+    "memory_lock",
+    "read_memory",
     "read_survey",
     "read_surveys",
     "read_transform",
     "write_json",
     "write_matches",
+    "write_memory",
     "write_registered",
     "write_rows",
 ]

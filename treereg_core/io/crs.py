@@ -92,6 +92,12 @@ def to_frame(xy: FloatArray, crs: str, frame: Frame) -> FloatArray:
     return np.asarray(converter(crs, frame.crs)(xy) - np.array(frame.origin))
 
 
+def full_coordinates(xy: FloatArray, frame: Frame, crs: str) -> FloatArray:
+    """Working coordinates (n, 2), metres, to full ones in `crs`; infinite where that does not reach."""
+    full = xy + np.array(frame.origin)
+    return full if crs == frame.crs else converter(frame.crs, crs)(full)
+
+
 def from_frame(xy: FloatArray, frame: Frame) -> FloatArray:
     """Working coordinates, metres, to WGS 84 longitude and latitude, degrees.
 

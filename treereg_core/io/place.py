@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,9 +53,21 @@ def place(capture: Capture, frame: Frame) -> Survey:
         features=features,
         frame=frame,
         count=len(polygons),
+        digest=_digest(capture),
         boundary=boundary,
         warnings=capture.warnings + warnings + boundary_warnings,
     )
+
+
+def _digest(capture: Capture) -> str:
+    """Of the outlines in the file's own CRS and the confidences: what a survey is known by."""
+    import shapely
+
+    digest = hashlib.blake2b(capture.layer.crs.encode(), digest_size=16)
+    for outline in shapely.to_wkb(shapely.force_2d(capture.layer.geometry)):
+        digest.update(outline or b"none")
+    digest.update(capture.confidence.tobytes())
+    return digest.hexdigest()
 
 
 def _areas(polygons: NDArray[np.object_]) -> FloatArray:

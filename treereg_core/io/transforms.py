@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.crs import converter, crs_name, parse_crs
+from treereg_core.io.crs import converter, crs_name, full_coordinates, parse_crs
 from treereg_core.io.files import read_json
 from treereg_core.survey import Frame
-from treereg_core.transform import Affine, Model, Rigid, Similarity
+from treereg_core.transform import Affine, FloatArray, Model, Rigid, Similarity
 
 REACH_M = 500.0
 
@@ -44,6 +44,22 @@ def read_transform(path: Path, frame: Frame) -> Affine:
     if crs == frame.crs:
         return _of_kind(full.about(frame.origin), model, path)
     return _converted(full, crs, frame, model, path)
+
+
+def full_from_frame(frame: Frame, crs: str) -> Affine:
+    """The transform that takes working coordinates to full ones in `crs`, metres.
+
+    It is a shift where that is the frame's own CRS, else fitted to a square of points around the frame's origin.
+    Raises `ValueError` where `crs` does not reach.
+    """
+    if crs == frame.crs:
+        return Rigid(np.eye(2), frame.origin)
+    here = _square()
+    there = full_coordinates(here, frame, crs)
+    if not np.isfinite(there).all():
+        raise ValueError(f"{crs:.40} does not reach this place")
+    centre = there.mean(axis=0)
+    return Rigid(np.eye(2), centre) @ Model.AFFINE.fit(here, there - centre)
 
 
 def _affine(matrix: Any, path: Path) -> Affine:
@@ -82,8 +98,7 @@ def _of_kind(affine: Affine, model: Model | None, path: Path) -> Affine:
 
 def _converted(full: Affine, crs: str, frame: Frame, model: Model | None, path: Path) -> Affine:
     """The same motion in another CRS, fitted to a square of points around the frame's origin, where it acts."""
-    steps = np.linspace(-REACH_M, REACH_M, 5)
-    reference = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    reference = _square()
     origin = np.array(frame.origin)
     there = converter(frame.crs, crs)(reference + origin)
     centre = there.mean(axis=0)
@@ -94,3 +109,9 @@ def _converted(full: Affine, crs: str, frame: Frame, model: Model | None, path: 
             kind = model or next(m for m in Model if isinstance(_of_kind(full, None, path), m.kind))
             return kind.fit(source, reference)
     raise InputError(f"{path} has a transform in {crs:.40}, which does not reach these surveys; correct its CRS.")
+
+
+def _square() -> FloatArray:
+    """Points (25, 2) of a square around the origin, metres."""
+    steps = np.linspace(-REACH_M, REACH_M, 5)
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)

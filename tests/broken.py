@@ -14,6 +14,7 @@ from treereg_core.errors import NoRegistration
 from treereg_core.evaluator import Problem
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Judgement
+from treereg_core.learning import Learner, Outcome, State
 from treereg_core.method import CoarseAligner, Context, Method, PointMatcher, Registration
 from treereg_core.pair import Pair, Rows
 from treereg_core.registry import installed
@@ -313,6 +314,49 @@ class Fickle(Truth):
         return {"error_m": 0.0} if judgement.transform else {}
 
 
+class Studious(LargeCrowns, Learner):
+    def learn(self, outcome: Outcome, state: State) -> State:
+        return {"lessons": state.get("lessons", 0) + 1}
+
+
+class OutOfRange(Studious):
+    def learn(self, outcome: Outcome, state: State) -> State:
+        return {"share": float("nan")}
+
+
+class LearningTuples(Studious):
+    def learn(self, outcome: Outcome, state: State) -> State:
+        return {"counts": (1, 2)}
+
+
+class Overwriting(Studious):
+    def learn(self, outcome: Outcome, state: Any) -> State:
+        state["lessons"] = state.get("lessons", 0) + 1
+        return dict(state)
+
+
+class Recounting(Studious):
+    def learn(self, outcome: Outcome, state: State) -> State:
+        return {"lessons": next(CALLS)}
+
+
+class Homesick(Studious):
+    def learn(self, outcome: Outcome, state: State) -> State:
+        return {"trees": outcome.home_from_reference(outcome.pair.reference.xy).tolist()}  # type: ignore[misc]
+
+
+class Overtaught(Studious):
+    def select(self, pair: Pair, context: Context) -> Pair:
+        if context.memory.get(self.name):
+            raise NoRegistration("it knows better")
+        return super().select(pair, context)
+
+
+class Straying(Studious):
+    def export(self, state: State) -> dict[str, str]:
+        return {"../network.xml": "<network/>"}
+
+
 HONEST_JUDGE: tuple[tuple[str, str, Method, str], ...] = (
     ("settings", "settings_are_described", Undescribed(), "extra has no description"),
     ("settings", "settings_are_described", Boundless(), "extra is a number without a range"),
@@ -375,6 +419,13 @@ HONEST_JUDGE: tuple[tuple[str, str, Method, str], ...] = (
     ("wholes", "order_of_trees_changes_no_verdict", FirstTrees(), "in another order"),
     ("evaluators", "figures_are_numbers_or_none", Infinite(), "error_m is inf"),
     ("evaluators", "figures_are_numbers_or_none", Fickle(), "names of the figures"),
+    ("learners", "what_it_learned_is_json", OutOfRange(), "Out of range float values"),
+    ("learners", "what_it_learned_is_json", LearningTuples(), "another one after JSON"),
+    ("learners", "learning_changes_nothing_it_is_given", Overwriting(), "the state so far was changed"),
+    ("learners", "learning_is_repeatable", Recounting(), "another state"),
+    ("learners", "a_place_that_is_not_known_is_no_obstacle", Homesick(), "NoneType"),
+    ("learners", "what_it_learned_is_of_use", Overtaught(), "with what it learned it refuses"),
+    ("learners", "its_exports_are_texts", Straying(), "not the name of a file"),
 )
 """Module, law, a method that breaks it, and part of what the law says."""
 

@@ -56,7 +56,7 @@ def test_every_law_that_was_written_applies_to_a_role() -> None:
     modules = (laws.settings, laws.conduct, laws.filters, laws.aligners, laws.rows, laws.matchers, laws.wholes)
     written = {
         (module.__name__, name)
-        for module in (*modules, laws.evaluators)
+        for module in (*modules, laws.evaluators, laws.learners)
         for name, value in vars(module).items()
         if hasattr(value, "__wrapped__") and value.__module__ == module.__name__ and not hasattr(value, "cache_info")
     }

@@ -29,7 +29,8 @@ EDGE_M = 5.0
 
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{32}$")]
 Couple = tuple[Digest, Digest]
-Row = tuple[float, float, float]
+Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+Row = tuple[Number, Number, Number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ class Memory(Record):
 
     crs: str | None
     home: Digest
-    outline: tuple[tuple[float, float], ...] = Field(min_length=1)
+    outline: tuple[tuple[Number, Number], ...] = Field(min_length=1)
     surveys: dict[Digest, Known]
     methods: dict[str, Knowledge]
 

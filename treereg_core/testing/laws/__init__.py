@@ -1,7 +1,7 @@
 """The contract's laws, by role: plain functions of a method that raise `AssertionError` when they are broken.
 
-Which laws apply follows from the role alone. A pipeline, the stages of an expression, keeps those of a point matcher,
-but for what is the business of its stages: their settings, and where each is good.
+Which laws apply follows from the role, and from whether the method learns. A pipeline, the stages of an expression,
+keeps those of a point matcher, but for what is the business of its stages: their settings, and where each is good.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from treereg_core.evaluator import Evaluator
+from treereg_core.learning import Learner
 from treereg_core.method import CoarseAligner, FeatureFilter, Method, PointMatcher, RowDetector, RowMatcher
 from treereg_core.pipeline import Pipeline
 from treereg_core.testing.law import Law
-from treereg_core.testing.laws import aligners, conduct, evaluators, filters, matchers, rows, settings, wholes
+from treereg_core.testing.laws import aligners, conduct, evaluators, filters, learners, matchers, rows, settings, wholes
 
 SETTINGS: tuple[Law, ...] = (
     settings.settings_are_described,
@@ -93,7 +94,16 @@ WHOLE: tuple[Law, ...] = (
 )
 EVALUATOR: tuple[Law, ...] = (evaluators.figures_are_numbers_or_none,)
 
-BY_ROLE: Mapping[type[Method], tuple[Law, ...]] = MappingProxyType(
+LEARNER: tuple[Law, ...] = (
+    learners.what_it_learned_is_json,
+    learners.learning_changes_nothing_it_is_given,
+    learners.learning_is_repeatable,
+    learners.a_place_that_is_not_known_is_no_obstacle,
+    learners.what_it_learned_is_of_use,
+    learners.its_exports_are_texts,
+)
+
+BY_ROLE: Mapping[type, tuple[Law, ...]] = MappingProxyType(
     {
         FeatureFilter: (*SETTINGS, *CONDUCT, *INVARIANCE, *FILTER),
         CoarseAligner: (*SETTINGS, *CONDUCT, *INVARIANCE, *ALIGNER),
@@ -101,6 +111,7 @@ BY_ROLE: Mapping[type[Method], tuple[Law, ...]] = MappingProxyType(
         RowMatcher: (*SETTINGS, *CONDUCT, *INVARIANCE, *ROW_MATCHER),
         PointMatcher: (*SETTINGS, *CONDUCT, *INVARIANCE, *MATCHER, *WHOLE),
         Evaluator: (*SETTINGS, *CONDUCT, *EVALUATOR),
+        Learner: LEARNER,
     }
 )
 PIPELINE: tuple[Law, ...] = (*CONDUCT, *INVARIANCE, *WHOLE)
@@ -110,7 +121,7 @@ def laws_for(method: Method) -> tuple[Law, ...]:
     """The laws that apply to a method, in a good order to try them. `TypeError` for one that plays no known role."""
     if isinstance(method, Pipeline):
         return PIPELINE
-    for role, laws in BY_ROLE.items():
-        if isinstance(method, role):
-            return laws
-    raise TypeError(f"{method.name} plays none of the known roles")
+    laws = tuple(law for role, of_role in BY_ROLE.items() if isinstance(method, role) for law in of_role)
+    if not laws:
+        raise TypeError(f"{method.name} plays none of the known roles")
+    return laws

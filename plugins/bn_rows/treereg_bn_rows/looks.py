@@ -1,0 +1,83 @@
+"""Looks: what the pairs of rows show under each placement that is worth one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from treereg_bn_rows.evidence import BESIDE, signs, surprises
+from treereg_bn_rows.placing import Ground, Placed, bases, placements
+from treereg_bn_rows.profile import Candidates, Profile, frame_of
+from treereg_core.errors import NoRegistration
+from treereg_core.evidence import Evidence
+from treereg_core.features import IntArray
+from treereg_core.method import Context
+from treereg_core.pair import Pair
+from treereg_core.row_lines import RowLines
+from treereg_core.transform import Affine
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The pairs of rows that lie beside each other under one placement, and the states of each pair by itself.
+
+    `distance` of neighbouring rows and `spacing` of trees along them, in the reference, metres.
+    """
+
+    placed: Placed
+    pairs: Candidates
+    states: dict[str, IntArray]
+    distance: float
+    spacing: float
+
+    @property
+    def rows(self) -> IntArray:
+        """The pairs (k, 2) as positions in the rows of reference and source."""
+        return np.column_stack([self.pairs.reference.rows[self.pairs.i], self.pairs.source.rows[self.pairs.j]])
+
+
+def looks(pair: Pair, offsets: float, context: Context) -> list[Look]:
+    """All looks at a pair, up to so many row distances across from where it lies.
+
+    Raises `NoRegistration` when a survey has no rows, or when they do not meet.
+    """
+    ground = ground_of(pair, context)
+    based = bases(ground, context)
+    found = placements(ground, based, offsets, context)
+    reach = (offsets + 1) * ground.reference.distance
+    beside = tuple(candidates(ground, base, reach) for base in based)
+    shown = []
+    for placed in found:
+        pairs = beside[placed.sense].shifted(placed.along, placed.across, BESIDE * ground.reference.distance)
+        shown.append((placed, pairs, *pairs.meeting(placed.along, ground.reference.spacing)))
+    # most placements are wrong, so that the usual one is too
+    shares = [alone.sum() / seen.sum() for _, _, seen, alone in shown if seen.sum()]
+    usual = float(np.median(shares)) if shares else 0.0
+    scale = ground.reference.distance, ground.reference.spacing
+    return [
+        Look(placed, pairs, signs(pairs, *scale, surprises(seen, alone, usual)), *scale)
+        for placed, pairs, seen, alone in shown
+    ]
+
+
+def ground_of(pair: Pair, context: Context) -> Ground:
+    """A pair made ready; raises `NoRegistration` when a survey has no rows."""
+    rows = pair.rows
+    if rows is None:
+        raise NoRegistration("no rows were detected, so none can be matched")
+    lines = RowLines.of(rows.reference, pair.reference), RowLines.of(rows.source, pair.source)
+    for found, survey in zip(lines, ("reference", "source"), strict=True):
+        if not len(found.trees):
+            raise NoRegistration(f"the {survey} has no row of two trees that stand apart, so no rows can be matched")
+    evidence = Evidence(pair.reference, pair.source, context.threads)
+    return Ground(pair, *lines, evidence, frame_of(rows.reference, pair.reference))
+
+
+def candidates(ground: Ground, base: Affine, reach: float) -> Candidates:
+    """The pairs of rows within so many metres across under a placement."""
+    rows = ground.pair.rows
+    assert rows is not None
+    reference = Profile.of(rows.reference, ground.pair.reference, ground.reference, ground.frame)
+    source = Profile.of(rows.source, ground.pair.source, ground.source, ground.frame @ base)
+    return Candidates.of(reference, source, reach)

@@ -1,0 +1,99 @@
+"""The row matcher `bn_rows`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from pydantic import Field
+
+from treereg_bn_rows.counts import counted, mixed, updated
+from treereg_bn_rows.lessons import lessons
+from treereg_bn_rows.looks import looks
+from treereg_bn_rows.network import posterior, xmlbif
+from treereg_bn_rows.ranking import Ranked, ranked
+from treereg_core.errors import NoRegistration
+from treereg_core.learning import Learner, Outcome, State
+from treereg_core.method import Context, RowMatcher
+from treereg_core.pair import Pair
+from treereg_core.row_trees import along_rows
+
+WORSE = 30.0
+"""Placements that are less likely than the best by these log-odds are not handed on."""
+
+
+class BnRows(RowMatcher, Learner):
+    """Rows by a Bayesian network, in their order across the field (treereg's founding proposal, section 3.3.2).
+
+    For every offset of up to three rows to both sides, and for the half turn of each, the rows of the source are laid
+    on those of the reference and slid along. Under each such placement the network says how probable it is that two
+    rows are the same, from how far they lie apart, their direction, where they begin and end, their length, their
+    number of trees, trees that stand opposite gaps, the rows beside them, and the field as a whole:
+
+        same -> offset, direction, begin, end, length, trees, gaps, context, field
+        begin -> end    begin, end -> length -> trees -> gaps    field -> context
+
+    Of all assignments that keep the rows' order it takes the most probable one. The placement that its rows and their
+    trees speak for comes first; others that are hardly worse follow, for the judge to choose.
+
+    Good when the start may be a few rows off, or a half turn, as long as rows run within some degrees of each other.
+    What an accepted registration shows of the orchard's rows is counted, and mixed with what simulated orchards taught.
+    """
+
+    name = "bn_rows"
+    offsets: float = Field(
+        3.0,
+        ge=0,
+        le=20,
+        description="how far across the start may be off",
+        json_schema_extra={"unit": "row distances"},
+    )
+    placements: int = Field(5, ge=1, le=50, description="how many placements are handed on at most")
+
+    def match(self, pair: Pair, context: Context) -> tuple[Pair, ...]:
+        """The likeliest placement with its rows, and its rivals when the rows leave a choice; each fitted to trees.
+
+        Raises `NoRegistration` when a survey has no rows, when they cross those of the other or lie elsewhere, or when
+        too few trees of matched rows meet, and `InputError` when the memory is damaged.
+        """
+        known = posterior(mixed(context.memory.get(self.name, {})))
+        found = ranked(looks(pair, self.offsets, context), known)
+        return _handed_on(pair, found[: self.placements], context)
+
+    def learn(self, outcome: Outcome, state: State) -> State:
+        """The state with the counts of this outcome's rows, the same and not; older ones weigh four fifths.
+
+        Nothing is learned from an outcome without rows. Raises `InputError` when the state is damaged.
+        """
+        tables = mixed(state)
+        rows = outcome.pair.rows
+        if rows is None:
+            return state
+        try:
+            found = ranked(looks(outcome.pair, self.offsets, Context()), posterior(tables))
+        except NoRegistration:
+            return state
+        lesson = lessons(found, rows, outcome.matches)
+        return updated(state, counted(lesson.states, lesson.same))
+
+    def export(self, state: State) -> Mapping[str, str]:
+        """The network with what is known as XMLBIF."""
+        return {f"{self.name}.xml": xmlbif(mixed(state))}
+
+
+def _handed_on(pair: Pair, found: Sequence[Ranked], context: Context) -> tuple[Pair, ...]:
+    """The pair with each of these placements' rows, at the fit to their trees, less those that are far less likely."""
+    assert pair.rows is not None
+    results: list[Pair] = []
+    reason = NoRegistration("no rows of the two surveys are the same")
+    for one in found:
+        if one.total < found[0].total - WORSE:
+            break
+        matched = replace(pair, rows=replace(pair.rows, matches=one.matches)).at(one.look.placed.transform)
+        try:
+            results.append(matched.at(along_rows(matched, context).transform))
+        except NoRegistration as refusal:
+            reason = refusal
+    if not results:
+        raise reason
+    return tuple(results)

@@ -16,7 +16,7 @@ from treereg_core.options import Options
 from treereg_core.pair import Pair
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
-from treereg_core.recall import Recall
+from treereg_core.recall import Recall, memory_named
 from treereg_core.registry import installed
 from treereg_core.result import Result, trees
 from treereg_core.settings import record
@@ -102,7 +102,8 @@ def execute(
     with clock("start"):
         begins = starts(plan, pair, surveys[0], context)
     progress(f"match: {options.method}, starts: {len(begins)}")
-    candidates = plan.pipeline.candidates(begins, context, clock)
+    with memory_named(options.memory):
+        candidates = plan.pipeline.candidates(begins, context, clock)
     progress("judge")
     with clock("judge"):
         judgement = plan.judge.judge(pair, [c.registration for c in candidates], context, options.max_failure)

@@ -140,7 +140,7 @@ class Memory(Record):
         home_from_survey = home_from_working @ visit.full_from_working(self.crs).inverse()
         if visit.digest == self.home:
             home_from_survey = Rigid.identity()
-        known = Known(name=visit.name, home_from_survey=home_from_survey.matrix.tolist())
+        known = Known(name=visit.name, home_from_survey=(home_from_survey.matrix + 0.0).tolist())
         return self.model_copy(update={"surveys": {**self.surveys, visit.digest: known}})
 
     def state(self, method: str, pair: Couple) -> State | None:

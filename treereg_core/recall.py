@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
@@ -122,6 +123,17 @@ class Lesson:
                 continue
             memory = memory.taught(name, self.plan.plugins[name], self.recall.pair, before, state)
         return memory, exports, tuple(warnings)
+
+
+@contextmanager
+def memory_named(folder: Path | None) -> Iterator[None]:
+    """Names the memory's file in the error of a method that cannot use what it finds there."""
+    try:
+        yield
+    except InputError as error:
+        if folder is None:
+            raise
+        raise InputError(f"{folder / io.MEMORY}: {error}") from error
 
 
 def exported(method: str, learner: Learner, state: State) -> dict[str, str]:

@@ -41,6 +41,8 @@ class Counting(Nearest, Learner):
 
     def register(self, pair: Pair, context: Context) -> Registration:
         KNEW.append((dict(context.memory), context.home_from_reference))
+        if "damage" in context.memory.get(self.name, {}):
+            raise InputError("what counting knew is damaged; remove it")
         return super().register(pair, context)
 
     def learn(self, outcome: Outcome, state: State) -> State:
@@ -348,6 +350,14 @@ def test_a_memory_damaged_in_the_meantime_costs_no_registration(orchard: Simulat
     assert result.accepted
     assert result.warnings[0].startswith("nothing was learned: ")
     assert (tmp_path / "memory.json").read_text() == "{"
+
+
+def test_a_method_that_cannot_use_what_it_knows_says_where_it_stands(orchard: Simulation, tmp_path: Path) -> None:
+    run(orchard.reference, orchard.source, tmp_path)
+    path = tmp_path / "memory.json"
+    path.write_text(path.read_text().replace('"weight"', '"damage"'))
+    with pytest.raises(InputError, match=r"memory\.json: what counting knew is damaged; remove it"):
+        run(orchard.reference, later(orchard, 1), tmp_path)
 
 
 def test_what_another_or_a_later_method_learned_is_refused(orchard: Simulation, tmp_path: Path) -> None:

@@ -102,12 +102,17 @@ def write_memory(folder: Path, document: Mapping[str, Any], exports: Mapping[str
 
     Raises `InputError` when they cannot be written, or the document is larger than would be read again.
     """
-    text = (readable(dict(document)) + "\n").encode()
+    text = encoded(readable(dict(document)) + "\n")
     if len(text) > LARGEST_BYTES:
         raise InputError(f"{folder / MEMORY} would become larger than {LARGEST_BYTES // 2**20} MB; begin a new folder.")
-    for name, content in {MEMORY: text, **{name: content.encode() for name, content in exports.items()}}.items():
+    for name, content in {MEMORY: text, **{name: encoded(content) for name, content in exports.items()}}.items():
         with complete_file(folder / name) as file:
             file.write(content)
+
+
+def encoded(text: str) -> bytes:
+    """UTF-8; half surrogates, as in odd names of folders, become escapes."""
+    return text.encode(errors="backslashreplace")
 
 
 @contextmanager

@@ -43,8 +43,8 @@ from treereg_core.transform import FloatArray, Rigid
 SHOWN = ("noisy", "shift_3", "rotation_any", "curved", "overlap_60", "dense", "small_150", "square_any", "heavy_noise")
 LEARNED_FROM = (
     *("shift_3", "rotation_any", "noisy", "noisy", "curved", "bare_rectangle", "overlap_60", "distortion_035"),
-    *("small_150", "square_any", "paths", "contour", "headlands", "double_hedgerow", "dense", "heavy_noise"),
-    *("overlap_50", "silent_areas"),
+    *("small_150", "square_any", "paths", "contour", "headlands", "double_hedgerow", "dense", "dense", "heavy_noise"),
+    *("heavy_noise", "overlap_50", "silent_areas"),
 )
 SEEDS_TO_LEARN = 12
 NO_MATCHES = np.empty((0, 2), dtype=np.int64)
@@ -66,16 +66,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     print(precision(options.families, seeds, options.share), end="\n\n", flush=True)
-    print(sizes(options.sizes))
+    if options.sizes:
+        print(sizes(options.sizes))
     return 0
 
 
 def true_landmarks(simulation: Simulation) -> tuple[BoolArray, BoolArray]:
     """Which features of both surveys show a tree that the other survey shows as well, (n,) and (m,)."""
     shown = simulation.reference_trees, simulation.source_trees
-    both = np.intersect1d(*(trees[trees >= 0] for trees in shown))
-    first, second = (np.isin(trees, both).any(axis=1) for trees in shown)
-    return first, second
+    both = np.intersect1d(shown[0][shown[0] >= 0], shown[1][shown[1] >= 0])
+    return np.asarray(np.isin(shown[0], both).any(axis=1)), np.asarray(np.isin(shown[1], both).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def confidence_filter(share: float) -> FeatureFilter:
     offer = next(entry.offer for entry in installed().entries if entry.name == "confidence")
     assert isinstance(offer, type)
     assert issubclass(offer, FeatureFilter)
-    return offer(share=share)
+    return offer.model_validate({"share": share})
 
 
 def calibration_error(probability: FloatArray, truth: BoolArray) -> float:
@@ -192,7 +192,7 @@ def begun(simulation: Simulation, rng: np.random.Generator) -> Pair:
     pair = Pair(simulation.reference, simulation.source, simulation.truth)
     if kind < 0.5:
         pair = near(simulation, int(rng.integers(1000)))
-    elif kind < 0.6:
+    elif kind < 0.53:
         shift = simulation.reference.spacing * rng.uniform(-1, 1, 2)
         pair = pair.at(Rigid(np.eye(2), shift) @ simulation.truth)
     if rows:

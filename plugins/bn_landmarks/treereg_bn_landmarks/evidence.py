@@ -6,15 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from treereg_bn_landmarks.planting import Planting
+from treereg_bn_landmarks.planting import Planting, nearest_of
 from treereg_bn_landmarks.structure import EVIDENCE, STATES
-from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
+from treereg_core.errors import NoRegistration
+from treereg_core.features import BoolArray, FeatureSet, IntArray
 from treereg_core.footprint import Footprint
 from treereg_core.pair import Pair, Rows
 from treereg_core.transform import FloatArray
 
 # Something stands at a tree when it is within this share of the in-row step.
 GATE = 0.35
+# Fewer trees are no planting.
+LEAST = 3
 # A footprint is closed over so many steps.
 FOOTPRINT = 2.5
 # A partner is close when it is off by so many times what is usual, and always within so many steps.
@@ -22,7 +25,7 @@ CLOSE, EXACT = 1.25, 0.02
 # Crowns are like each other when their logarithms differ by at most so many robust standard deviations.
 LIKE = 1.0
 # Bounds of the classes of agreement, and the rounds of averaging of shares and offsets of partners.
-AGREEMENT = (0.55, 0.75, 0.9)
+AGREEMENT = (0.4, 0.6, 0.75, 0.9)
 ROUNDS = 3
 
 
@@ -44,23 +47,58 @@ class Side:
 
 
 def sides(pair: Pair, threads: int = 1) -> tuple[Side, Side]:
-    """Reference and source as they lie to each other; each of three trees or more that are not all at one point."""
+    """Reference and source as they lie to each other, less the small offset that partners around have in common.
+
+    A start that is off by a part of the spacing, or a bend of the map, moves all trees alike, and says nothing on any
+    single one. Raises `NoRegistration` for fewer than three trees in a survey, or trees that do not stand apart.
+    """
+    if min(len(pair.reference), len(pair.source)) < LEAST:
+        raise NoRegistration(f"a survey has fewer than {LEAST} trees, so landmarks cannot be told")
     plantings = Planting.of(pair.reference, threads), Planting.of(pair.source, threads)
-    to_source = pair.reference_from_source.inverse()
-    scale = pair.reference_from_source.scale
-    within = GATE * (plantings[0].step + scale * plantings[1].step) / 2
-    here, there = pair.reference.xy, pair.source_in_reference
-    # Both ways are asked in one frame each, so that the kept trees of the surveys serve all placements.
-    forth = _partner(pair.source, to_source(here), within / scale, threads)
-    back = _partner(pair.reference, there, within, threads)
+    points = pair.reference.xy, pair.source_in_reference
+    forth, back = _partners(pair, points, plantings, threads)
+    shifted = (
+        points[0] + _common_offset(plantings[0], points, forth, _mutual(forth, back)),
+        points[1] + _common_offset(plantings[1], points[::-1], back, _mutual(back, forth)),
+    )
+    forth, back = _partners(pair, shifted, plantings, threads)
     covered = (
-        footprint(pair.source, plantings[1].step).covers(to_source(here)),
-        footprint(pair.reference, plantings[0].step).covers(there),
+        footprint(pair.source, plantings[1].step).covers(pair.reference_from_source.inverse()(shifted[0])),
+        footprint(pair.reference, plantings[0].step).covers(shifted[1]),
     )
     return (
-        Side(pair.reference, plantings[0], here, forth, _mutual(forth, back), covered[0]),
-        Side(pair.source, plantings[1], there, back, _mutual(back, forth), covered[1]),
+        Side(pair.reference, plantings[0], points[0], forth, _mutual(forth, back), covered[0]),
+        Side(pair.source, plantings[1], points[1], back, _mutual(back, forth), covered[1]),
     )
+
+
+def _partners(
+    pair: Pair, points: tuple[FloatArray, FloatArray], plantings: tuple[Planting, Planting], threads: int
+) -> tuple[IntArray, IntArray]:
+    """The nearest source tree (n,) of each reference tree that is looked for at these points, in the reference's
+    frame, and the other way round (m,); -1 where none is within the gate.
+
+    Each is asked in the frame of the survey that is asked, so that its k-d tree serves all placements.
+    """
+    to_source, scale = pair.reference_from_source.inverse(), pair.reference_from_source.scale
+    within = GATE * (plantings[0].step + scale * plantings[1].step) / 2
+    _, forth = nearest_of(pair.source, to_source(points[0]), pair.reference, within / scale, threads=threads)
+    _, back = nearest_of(pair.reference, points[1], pair.source, within, threads=threads)
+    return np.where(forth < len(pair.source), forth, -1), np.where(back < len(pair.reference), back, -1)
+
+
+def _common_offset(
+    planting: Planting, points: tuple[FloatArray, FloatArray], partner: IntArray, mutual: BoolArray
+) -> FloatArray:
+    """How far the mutual partners around each tree stand from theirs on average, (n, 2) metres; 0 where none do.
+
+    `points` are those of the survey itself and of the other one.
+    """
+    offset = np.zeros((len(partner), 3))
+    offset[mutual, :2] = points[1][partner[mutual]] - points[0][mutual]
+    offset[mutual, 2] = 1
+    smooth = planting.averaged(offset, ROUNDS)
+    return np.asarray(smooth[:, :2] / (smooth[:, 2:] + 1e-3))
 
 
 def footprint(features: FeatureSet, step: float) -> Footprint:
@@ -95,11 +133,6 @@ def evidence(side: Side, other: Side, rows: Rows | None, earlier: IntArray) -> I
     return np.column_stack([classes[node] for node in EVIDENCE])
 
 
-def _partner(features: FeatureSet, points: FloatArray, within: float, threads: int) -> IntArray:
-    _, index = nearest(features.tree, points, within, threads=threads)
-    return np.where(index < len(features), index, -1)
-
-
 def _mutual(forth: IntArray, back: IntArray) -> BoolArray:
     return np.asarray((forth >= 0) & (back[forth] == np.arange(len(forth))))
 
@@ -120,13 +153,9 @@ def _partner_class(side: Side, other: Side) -> IntArray:
     partner = np.where(side.covered, names.index("nothing"), names.index("uncovered"))
     partner[side.partner >= 0] = names.index("taken")
     if len(mine):
-        step = side.planting.step
-        offset = np.zeros((len(side.xy), 3))
-        offset[mine, :2] = other.xy[side.partner[mine]] - side.xy[mine]
-        offset[mine, 2] = 1
-        smooth = side.planting.averaged(offset, ROUNDS)[mine]
-        away = np.hypot(*(offset[mine, :2] - smooth[:, :2] / smooth[:, 2:]).T)
-        close = away <= max(CLOSE * float(np.median(away)), EXACT * step)
+        common = _common_offset(side.planting, (side.xy, other.xy), side.partner, side.mutual)
+        away = np.hypot(*(other.xy[side.partner[mine]] - side.xy[mine] - common[mine]).T)
+        close = away <= max(CLOSE * float(np.median(away)), EXACT * side.planting.step)
         difference = side.planting.log_area[mine] - other.planting.log_area[side.partner[mine]]
         spread = max(1.4826 * float(np.median(np.abs(difference))), 0.05)
         like = np.abs(difference) <= LIKE * spread

@@ -20,9 +20,6 @@ from treereg_core.method import Context, FeatureFilter
 from treereg_core.pair import Pair
 from treereg_core.transform import Affine, FloatArray
 
-LEAST = 3
-"""Fewer trees are no planting."""
-
 
 class Landmarks(FeatureFilter, Learner):
     """Landmarks by a Bayesian network (Pearl 1988, doi:10.1016/C2009-0-27609-4; treereg's founding proposal, 3.3.1).
@@ -45,8 +42,8 @@ class Landmarks(FeatureFilter, Learner):
 
     def select(self, pair: Pair, context: Context) -> Pair:
         """The most probable landmarks of both surveys. Raises `NoRegistration` when nothing can be chosen."""
-        found = probabilities(pair, context)
         both = sides(pair, context.threads)
+        found = _probabilities(pair, both, context)
         kept = []
         for side, probability, mask in zip(both, found, choose(both, found, self.share), strict=True):
             features = side.features.take(mask)
@@ -61,9 +58,10 @@ class Landmarks(FeatureFilter, Learner):
         """
         memory = Memory.of(state)
         pair, home = outcome.pair, outcome.home_from_reference
-        if not _can_be_told(pair):
+        try:
+            both = _as_matched(sides(pair), outcome.matches)
+        except NoRegistration:
             return memory.state()
-        both = _as_matched(sides(pair), outcome.matches)
         learned = network.none()
         table = network.posterior(memory.counts)
         for side, seen in zip(both, _all_evidence(pair, both, memory, home), strict=True):
@@ -91,11 +89,12 @@ def probabilities(pair: Pair, context: Context) -> tuple[FloatArray, FloatArray]
 
     Raises `NoRegistration` for surveys of fewer than three trees that stand apart, `InputError` for a damaged memory.
     """
-    if not _can_be_told(pair):
-        raise NoRegistration("a survey has too few trees that stand apart to tell landmarks from other detections")
+    return _probabilities(pair, sides(pair, context.threads), context)
+
+
+def _probabilities(pair: Pair, both: tuple[Side, Side], context: Context) -> tuple[FloatArray, FloatArray]:
     memory = Memory.of(context.memory.get(NAME, {}))
     table = network.posterior(memory.counts)
-    both = sides(pair, context.threads)
     reference, source = _all_evidence(pair, both, memory, context.home_from_reference)
     return network.look_up(table, reference)[:, 1], network.look_up(table, source)[:, 1]
 
@@ -114,10 +113,6 @@ def _all_evidence(
         evidence(reference, source, rows[0], memory.earlier(reference.xy, home, reference.planting.step)),
         evidence(source, reference, rows[1], memory.earlier(source.xy, home, source.planting.step)),
     )
-
-
-def _can_be_told(pair: Pair) -> bool:
-    return all(len(features) >= LEAST and features.spacing > 0 for features in (pair.reference, pair.source))
 
 
 def _as_matched(both: tuple[Side, Side], matches: IntArray) -> tuple[Side, Side]:

@@ -23,15 +23,25 @@ Counts = Mapping[str, FloatArray]
 PRIOR_TREES = 4000
 """The prior from simulation counts like so many trees of the orchard itself."""
 SMOOTHING = 2.0
-"""Each line of a table gets so many trees more, spread as the node's states are on the whole."""
+"""Each line of a table of simulated counts gets so many trees more, spread as the node's states are on the whole."""
 
 
 @cache
 def prior() -> Counts:
-    """The counts that every orchard begins with, from simulated surveys: `python -m benchmarks.landmarks --learn`."""
+    """The counts that every orchard begins with, from simulated surveys: `python -m benchmarks.landmarks --learn`.
+
+    Smoothed, so that nothing is impossible but a landmark that is not a real tree.
+    """
     text = files(__package__).joinpath("prior.json").read_text(encoding="utf-8")
-    tables = {node: np.asarray(table, dtype=np.float64) for node, table in json.loads(text)["counts"].items()}
-    return {node: frozen_array(table * (PRIOR_TREES / table.sum())) for node, table in tables.items()}
+    counts = {}
+    for node, values in json.loads(text)["counts"].items():
+        table = np.asarray(values, dtype=np.float64)
+        overall = table.reshape(-1, table.shape[-1]).sum(axis=0)
+        smoothed = table + SMOOTHING * overall / overall.sum()
+        if node == "landmark":
+            smoothed[STATES["real"].index("no")] = table[STATES["real"].index("no")]
+        counts[node] = frozen_array(smoothed * (PRIOR_TREES / table.sum()))
+    return counts
 
 
 def none() -> dict[str, FloatArray]:
@@ -39,16 +49,10 @@ def none() -> dict[str, FloatArray]:
     return {node: np.zeros(shape(node)) for node in STATES}
 
 
-def probabilities(counts: Counts) -> dict[str, FloatArray]:
-    """The tables of conditional probabilities that counts give, smoothed; no landmark is anything but a real tree."""
-    tables = {}
-    for node, count in counts.items():
-        overall = count.reshape(-1, count.shape[-1]).sum(axis=0) + 1e-3
-        table = count + SMOOTHING * overall / overall.sum()
-        if node == "landmark":
-            table[STATES["real"].index("no")] = (1.0, 0.0)
-        tables[node] = table / table.sum(axis=-1, keepdims=True)
-    return tables
+def together(learned: Counts) -> dict[str, FloatArray]:
+    """The tables of conditional probabilities that the prior and what was learned give together."""
+    tables = {node: prior()[node] + learned[node] for node in STATES}
+    return {node: table / table.sum(axis=-1, keepdims=True) for node, table in tables.items()}
 
 
 def posterior(learned: Counts) -> FloatArray:
@@ -57,19 +61,19 @@ def posterior(learned: Counts) -> FloatArray:
     Optional evidence has one place more, for unknown. Prior and learned counts together make the network; the result
     is tabulated once in a process.
     """
-    together = [prior()[node] + learned[node] for node in STATES]
-    return _tabulated(b"".join(np.ascontiguousarray(table).tobytes() for table in together))
+    tables = together(learned)
+    return _tabulated(b"".join(tables[node].tobytes() for node in STATES))
 
 
 @lru_cache(maxsize=4)
-def _tabulated(counts: bytes) -> FloatArray:
-    from_bytes, tables, at = np.frombuffer(counts), {}, 0
+def _tabulated(probabilities: bytes) -> FloatArray:
+    from_bytes, tables, at = np.frombuffer(probabilities), {}, 0
     for node in STATES:
         size = math.prod(shape(node))
         tables[node] = from_bytes[at : at + size].reshape(shape(node))
         at += size
     with _pgmpy() as pgmpy:
-        network = _network(pgmpy, probabilities(tables))
+        network = _network(pgmpy, tables)
         query = pgmpy["VariableElimination"](network).query([*EVIDENCE, "real", "landmark"], show_progress=False)
     order = [query.variables.index(node) for node in (*EVIDENCE, "real", "landmark")]
     joint = np.transpose(query.values, order)
@@ -88,8 +92,7 @@ def look_up(table: FloatArray, evidence: IntArray) -> FloatArray:
 def xmlbif(learned: Counts) -> str:
     """The network in the XML Bayesian interchange format, for other programs."""
     with _pgmpy() as pgmpy:
-        together = {node: prior()[node] + learned[node] for node in STATES}
-        return str(pgmpy["XMLBIFWriter"](_network(pgmpy, probabilities(together))))
+        return str(pgmpy["XMLBIFWriter"](_network(pgmpy, together(learned))))
 
 
 def _network(pgmpy: Mapping[str, Any], tables: Mapping[str, FloatArray]) -> Any:

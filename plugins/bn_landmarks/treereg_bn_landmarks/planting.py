@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from treereg_bn_landmarks.structure import STATES
+from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet, IntArray, nearest
 from treereg_core.transform import FloatArray
 
@@ -28,7 +30,7 @@ ONE_DIRECTION = 0.1
 class Planting:
     """One survey by itself; all arrays have an entry, or a line, for each tree.
 
-    - `around` (n, k): the nearest other trees.
+    - `mean` (n, n): the matrix that averages over each tree and those around it.
     - `step`: the usual distance of neighbours in a row, metres; `axis`: the direction of planting over the whole
       survey as a unit number, in the survey's own frame.
     - `log_area`: natural logarithm of the crown over the median of those around.
@@ -36,7 +38,7 @@ class Planting:
     - `looks`: the class of `their` that the tree is in the eyes of the other survey.
     """
 
-    around: IntArray
+    mean: csr_array[np.float64]
     step: float
     axis: complex
     log_area: FloatArray
@@ -48,7 +50,10 @@ class Planting:
 
     @classmethod
     def of(cls, features: FeatureSet, threads: int = 1) -> Planting:
-        """Of a survey of three trees or more, not all at one point; worked out once, whatever the placements."""
+        """Of a survey of three trees or more; worked out once, whatever the placements.
+
+        Raises `NoRegistration` when trees do not stand apart.
+        """
         if cls not in features.derived:
             features.derived[cls] = cls._worked_out(features, threads)
         planting: Planting = features.derived[cls]
@@ -57,10 +62,14 @@ class Planting:
     @classmethod
     def _worked_out(cls, features: FeatureSet, threads: int) -> Planting:
         xy = features.xy - features.xy.mean(axis=0)
-        count = min(AROUND + 1, len(xy))
-        distance, near = nearest(features.tree, features.xy, np.inf, count, threads)
+        distance, near = nearest_of(features, features.xy, features, count=min(AROUND + 1, len(xy)), threads=threads)
         distance, around = distance[:, 1:], near[:, 1:]
-        step, direction, axis = _direction(xy, around, distance, features.spacing)
+        spacing = float(np.median(distance[:, 0]))
+        if spacing == 0:
+            raise NoRegistration("the trees of a survey do not stand apart, so landmarks cannot be told")
+        begin = np.arange(0, near.size + 1, near.shape[1])
+        mean = csr_array((np.full(near.size, 1 / near.shape[1]), near.ravel(), begin), shape=(len(xy), len(xy)))
+        step, direction, axis = _direction(xy, around, distance, spacing, mean)
         place = _place(features, direction * step, threads)
 
         rank = ranks(features.confidence)
@@ -70,18 +79,26 @@ class Planting:
         log_area = log_area - np.median(log_area[around], axis=1)
         size = np.searchsorted(SIZE, robust_scores(log_area), side="right")
         looks = _looks(confidence, place)
-        return cls(around, step, axis, log_area, confidence, surroundings, size, place, looks)
+        return cls(mean, step, axis, log_area, confidence, surroundings, size, place, looks)
 
     def averaged(self, values: FloatArray, rounds: int) -> FloatArray:
-        """Values (n,) or (n, m) averaged over each tree and those around it, so many times over."""
-        return averaged(values, self.around, rounds)
+        """Values (n, m) averaged over each tree and those around it, so many times over."""
+        for _ in range(rounds):
+            values = np.asarray(self.mean @ values)
+        return values
 
 
-def averaged(values: FloatArray, around: IntArray, rounds: int) -> FloatArray:
-    """Values averaged over each tree and those around it (n, k), so many times over."""
-    for _ in range(rounds):
-        values = (values + values[around].sum(axis=1)) / (1 + around.shape[1])
-    return values
+def nearest_of(
+    asked: FeatureSet, points: FloatArray, asking: FeatureSet, within: float = np.inf, count: int = 1, threads: int = 1
+) -> tuple[FloatArray, IntArray]:
+    """As the core's `nearest`, over the trees `asked`, for one point (n, 2) for each tree `asking`.
+
+    These ask in the order of space, which is much faster.
+    """
+    order = asking.tree.indices
+    distance, index = nearest(asked.tree, points[order], within, count, threads)
+    back = np.argsort(order)
+    return distance[back], index[back]
 
 
 def ranks(values: FloatArray) -> FloatArray:
@@ -97,17 +114,19 @@ def robust_scores(values: FloatArray) -> FloatArray:
 
 
 def _direction(
-    xy: FloatArray, around: IntArray, distance: FloatArray, spacing: float
+    xy: FloatArray, around: IntArray, distance: FloatArray, spacing: float, mean: csr_array[np.float64]
 ) -> tuple[float, FloatArray, complex]:
     """The in-row step in metres, the direction of the planting at each tree (n, 2), and over the whole survey."""
     offset = xy[around] - xy[:, None]
     towards = (offset[..., 0] + 1j * offset[..., 1]) / np.where(distance > 0, distance, 1)
     weight = np.exp(-((distance / (1.3 * spacing)) ** 2)) * (distance > 0.4 * spacing)
-    second, fourth = (weight * towards**2).sum(axis=1), (weight * towards**4).sum(axis=1)
-    total = weight.sum(axis=1)
+    squared = towards * towards
+    second, fourth = (weight * squared).sum(axis=1), (weight * squared * squared).sum(axis=1)
     # Where rows are no denser than the trees in them are far apart, both directions of the planting are as good.
-    one = abs(second.sum()) > ONE_DIRECTION * total.sum()
-    smooth = averaged(np.column_stack([second, fourth]), around, DIRECTION_ROUNDS)[:, 0 if one else 1]
+    one = abs(second.sum()) > ONE_DIRECTION * weight.sum()
+    smooth = second if one else fourth
+    for _ in range(DIRECTION_ROUNDS):
+        smooth = mean @ smooth
     whole = np.exp(1j * np.angle(second.sum() if one else fourth.sum()) / (2 if one else 4))
     direction = np.exp(1j * np.angle(smooth) / (2 if one else 4))
     turned = towards * distance * direction.conj()[:, None]
@@ -124,7 +143,7 @@ def _place(features: FeatureSet, step: FloatArray, threads: int) -> IntArray:
     within = EXPECTED * float(np.hypot(*step[0]))
 
     def found(steps: int) -> IntArray:
-        distance, _ = nearest(features.tree, features.xy + steps * step, within, threads=threads)
+        distance, _ = nearest_of(features, features.xy + steps * step, features, within, threads=threads)
         return np.isfinite(distance).astype(np.int64)
 
     before, after = found(-1) + found(-2), found(1) + found(2)

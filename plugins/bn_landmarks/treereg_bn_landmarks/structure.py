@@ -8,7 +8,7 @@ from types import MappingProxyType
 STATES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "surroundings": ("low", "middle", "high"),
-        "agreement": ("poor", "fair", "good", "close"),
+        "agreement": ("none", "poor", "fair", "good", "full"),
         "real": ("no", "yes"),
         "landmark": ("no", "yes"),
         "size": ("tiny", "small", "usual", "large"),
@@ -47,7 +47,7 @@ PARENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "landmark": ("real", "agreement"),
         "size": ("real",),
         "confidence": ("real", "surroundings", "size"),
-        "place": ("real",),
+        "place": ("real", "agreement"),
         "row": ("real", "place"),
         "earlier": ("real", "landmark"),
         "partner": ("landmark", "agreement", "size"),
@@ -55,7 +55,8 @@ PARENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """What each node depends on. Evidence that depends on evidence has an arc too: confidence on the confidences around and
-on the crown's size, being in a row on the place, the partner on the size and on how well the surveys agree there."""
+on the crown's size, the place on how well the surveys agree there, which says how noisy they are, being in a row on the
+place, and the partner on agreement and size."""
 
 HIDDEN = ("real", "landmark")
 EVIDENCE = tuple(node for node in STATES if node not in HIDDEN)

@@ -16,7 +16,10 @@ from treereg_core.testing.using import plain, seen, suited, use
 
 @law
 def it_keeps_a_subset(method: FeatureFilter) -> None:
-    """It invents no tree and changes nothing of a tree but its weight, which stays finite and not negative."""
+    """It invents no tree and changes nothing of a tree but its weight, which stays finite and not negative.
+
+    It may add attributes of its own.
+    """
     pairs = {"an ordinary orchard": suited(method, ordinary()), **degenerate()}
     for name, pair in pairs.items():
         result = use(method, pair)
@@ -69,8 +72,10 @@ def a_filter_of_one_survey_ignores_the_other(method: FeatureFilter) -> None:
 
 
 def require_subset(kept: FeatureSet, given: FeatureSet, name: str) -> None:
-    """Require every kept tree to be one of the given ones, the same but for its weight."""
+    """Require every kept tree to be one of the given ones, the same but for its weight and further attributes."""
     at = given.positions(kept.ids)
     require((at >= 0).all(), f"{name}: a tree was invented")
     require((kept.weight >= 0).all(), f"{name}: a weight is negative")
-    require(plain(kept) == plain(given.take(at).replace(weight=kept.weight)), f"{name}: a tree was changed")
+    attributes = {key: values for key, values in kept.attributes.items() if key in given.attributes}
+    same = plain(kept.replace(attributes=attributes)) == plain(given.take(at).replace(weight=kept.weight))
+    require(same, f"{name}: a tree was changed")

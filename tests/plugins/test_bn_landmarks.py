@@ -1,0 +1,322 @@
+"""Landmarks: are the chosen trees in both surveys, are the probabilities true, do they span the orchard?
+
+`benchmarks.landmarks` prints the same figures on more seeds.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from treereg_bn_landmarks import Landmarks, network
+from treereg_bn_landmarks.landmarks import probabilities
+from treereg_bn_landmarks.memory import Memory
+from treereg_bn_landmarks.structure import EVIDENCE, PARENTS, STATES, shape
+
+from benchmarks.landmarks import calibration_error, chosen, confidence_filter, found, true_landmarks
+from treereg_core.errors import InputError, NoRegistration
+from treereg_core.features import FeatureSet
+from treereg_core.learning import Outcome
+from treereg_core.method import Context
+from treereg_core.pair import MatchedRows, Pair
+from treereg_core.simulate import Simulation, simulate_family
+from treereg_core.testing import scenes
+from treereg_core.transform import Rigid
+
+CONTEXT = Context()
+SEEDS = range(7000, 7004)
+
+
+@pytest.fixture(scope="module")
+def noisy() -> list[Simulation]:
+    return [simulate_family("noisy", seed) for seed in SEEDS]
+
+
+def outcome(simulation: Simulation, home: Rigid | None = None) -> Outcome:
+    """What the filter is told when a simulation was registered right."""
+    assert simulation.truth is not None
+    pair = Pair(simulation.reference, simulation.source, simulation.truth)
+    return Outcome(pair, simulation.true_pairs(), home)
+
+
+def test_the_chosen_are_in_both_surveys_and_the_probabilities_are_true(noisy: list[Simulation]) -> None:
+    every = [found(simulation, 0.2) for simulation in noisy]
+    truth, kept, plain = (np.concatenate([getattr(f, name) for f in every]) for name in ("truth", "chosen", "plain"))
+    assert 0.6 < truth.mean() < 0.75
+    assert truth[kept].mean() >= 0.97
+    assert truth[kept].mean() > truth[plain].mean() + 0.1
+    assert calibration_error(np.concatenate([f.probability for f in every]), truth) < 0.05
+
+
+@pytest.mark.parametrize("family", ["shift_3", "overlap_60", "curved"])
+def test_probabilities_are_true_of_other_orchards_too(family: str) -> None:
+    every = [found(simulate_family(family, seed), 0.2) for seed in SEEDS[:2]]
+    truth, probability = (np.concatenate([getattr(f, name) for f in every]) for name in ("truth", "probability"))
+    assert calibration_error(probability, truth) < 0.05
+    assert truth[np.concatenate([f.chosen for f in every])].mean() > 0.99
+
+
+def test_a_share_of_each_survey_goes_on_with_partners_probabilities_and_weights(noisy: list[Simulation]) -> None:
+    pair = scenes.near(noisy[0])
+    halved = pair.reference.replace(weight=np.full(len(pair.reference), 0.5))
+    kept = Landmarks(share=0.3).select(pair.narrow(halved, pair.source), CONTEXT)
+    for before, after in ((pair.reference, kept.reference), (pair.source, kept.source)):
+        assert len(after) == np.ceil(0.3 * len(before))
+    assert kept.reference.weight == pytest.approx(0.5 * kept.reference.attributes["landmark"])
+    assert kept.source.weight == pytest.approx(kept.source.attributes["landmark"])
+    both = noisy[0].true_pairs()
+    together = np.isin(both[:, 0], kept.reference.ids) & np.isin(both[:, 1], kept.source.ids)
+    assert together.sum() > 0.9 * len(kept.reference)
+    everything = Landmarks(share=1.0).select(pair, CONTEXT)
+    assert len(everything.reference) == len(pair.reference)
+
+
+def test_the_chosen_span_the_orchard(noisy: list[Simulation]) -> None:
+    for simulation in noisy:
+        pair = scenes.near(simulation)
+        kept = Landmarks().select(pair, CONTEXT)
+        assert np.linalg.det(np.cov(kept.reference.xy.T)) > 0.7 * np.linalg.det(np.cov(pair.reference.xy.T))
+
+
+def test_they_span_it_also_when_one_corner_is_surer_of_itself() -> None:
+    """Where half of the orchard was photographed better, the other half still has its share."""
+    simulation = scenes.ordinary()
+    pair = scenes.near(simulation)
+    reference = pair.reference
+    west = reference.xy[:, 0] < np.median(reference.xy[:, 0])
+    better = reference.replace(confidence=np.where(west, 0.9 + reference.confidence / 10, reference.confidence / 2))
+    kept = Landmarks().select(pair.narrow(better, pair.source), CONTEXT).reference
+    assert np.isin(reference.ids[~west], kept.ids).sum() > 0.25 * len(kept)
+
+
+def test_rows_and_memory_are_evidence() -> None:
+    """A tree that stands in no row, or that no earlier survey had, is less likely to be one."""
+    table = network.posterior(network.none())
+    usual = {node: len(STATES[node]) // 2 for node in EVIDENCE}
+    usual |= {"row": len(STATES["row"]), "earlier": len(STATES["earlier"])}
+
+    def landmark(**known: str) -> float:
+        at = {**usual, **{node: STATES[node].index(state) for node, state in known.items()}}
+        return float(table[tuple(at[node] for node in EVIDENCE)][1])
+
+    assert landmark(row="none") < landmark() < landmark(row="in")
+    assert landmark(earlier="no") < landmark() < landmark(earlier="yes")
+    assert landmark(partner="nothing", their="none") < landmark(partner="close_like", their="good")
+    assert landmark(confidence="lowest") < landmark(confidence="highest")
+
+
+def test_detected_rows_are_looked_at() -> None:
+    simulation = scenes.scene("noisy")
+    pair = scenes.near(simulation)
+    rows = replace(scenes.true_rows(simulation), matches=np.empty((0, 2)))
+    truth = np.concatenate(true_landmarks(simulation))
+
+    def brier(pair: Pair) -> float:
+        return float(((np.concatenate(probabilities(pair, CONTEXT)) - truth) ** 2).mean())
+
+    assert brier(replace(pair, rows=rows)) < brier(pair)
+    nothing = MatchedRows(type(rows.reference)(()), type(rows.source)(()), rows.matches)
+    assert brier(replace(pair, rows=nothing)) == brier(pair)
+
+
+def test_a_poor_start_gives_few_landmarks_and_no_nonsense() -> None:
+    simulation = scenes.ordinary()
+    good = scenes.near(simulation)
+    away = good.at(Rigid.turn(30, about=good.reference.xy.mean(axis=0)) @ good.reference_from_source)
+    p = np.concatenate(probabilities(away, CONTEXT))
+    assert ((p >= 0) & (p <= 1)).all()
+    assert p.mean() < np.concatenate(probabilities(good, CONTEXT)).mean() - 0.15
+    nowhere = good.at(Rigid(np.eye(2), (5000, 0)) @ good.reference_from_source)
+    assert np.concatenate(probabilities(nowhere, CONTEXT)).max() < 0.5
+    assert len(Landmarks().select(nowhere, CONTEXT).reference) > 0
+
+
+@pytest.mark.parametrize("name", list(scenes.degenerate()))
+def test_too_few_trees_are_refused_in_words(name: str) -> None:
+    with pytest.raises(NoRegistration, match="survey"):
+        Landmarks().select(scenes.degenerate()[name], CONTEXT)
+
+
+def test_equal_confidences_and_crowns_tell_nothing_and_break_nothing() -> None:
+    simulation = scenes.ordinary()
+    pair = scenes.near(simulation)
+    same = [FeatureSet.of(f.xy) for f in (pair.reference, pair.source)]
+    kept = Landmarks().select(Pair(same[0], same[1], pair.reference_from_source), CONTEXT)
+    assert true_landmarks(simulation)[0][kept.reference.ids].mean() > 0.95
+    weightless = pair.reference.replace(weight=np.zeros(len(pair.reference)))
+    assert (Landmarks().select(pair.narrow(weightless, pair.source), CONTEXT).reference.weight == 0).all()
+
+
+def test_the_state_is_json_and_what_it_says_is_used(noisy: list[Simulation]) -> None:
+    method = Landmarks()
+    simulation = noisy[0]
+    assert simulation.truth is not None
+    home = Rigid.turn(20, shift=(300.0, -80.0))
+    state: Any = {}
+    for _ in range(3):
+        before = copy.deepcopy(state)
+        after = method.learn(outcome(simulation, home), state)
+        assert state == before
+        state = json.loads(json.dumps(after))
+        assert state == after
+    pair = scenes.near(simulation)
+    plain = probabilities(pair, CONTEXT)[1]
+    known = probabilities(pair, Context(memory={"bn_landmarks": state}, home_from_reference=home))[1]
+    real = simulation.source_trees[:, 0] >= 0
+    assert np.mean(known[real] > plain[real]) > 0.8
+    assert not np.allclose(probabilities(pair, Context(memory={"bn_landmarks": state}))[1], plain)
+    # Elsewhere nothing is known of single trees.
+    far = Context(memory={"bn_landmarks": state}, home_from_reference=Rigid(np.eye(2), (1e4, 0)) @ home)
+    assert probabilities(pair, far)[1] == pytest.approx(probabilities(pair, Context(memory=far.memory))[1])
+
+
+def test_trees_of_earlier_surveys_tell_the_false_ones(noisy: list[Simulation]) -> None:
+    """With the trees that other surveys of the same orchard had, the probabilities are nearer to the truth."""
+    simulation = noisy[1]
+    trees, rng = simulation.trees.xy, np.random.default_rng(5)
+    memory = Memory()
+    for _ in range(4):
+        shown = trees[rng.random(len(trees)) > 0.2]
+        memory = memory.with_trees(shown + rng.normal(0, 0.3, shown.shape), 3.0, lambda xy: np.ones(len(xy), bool))
+    assert len(memory.trees) < 1.1 * len(trees)
+    pair = scenes.near(simulation)
+    truth = np.concatenate(true_landmarks(simulation))
+    known = Context(memory={"bn_landmarks": memory.state()}, home_from_reference=Rigid.identity())
+    brier = [float(((np.concatenate(probabilities(pair, c)) - truth) ** 2).mean()) for c in (CONTEXT, known)]
+    assert brier[1] < 0.9 * brier[0]
+    right = [truth[chosen(Landmarks(share=0.4), pair)].mean()]
+    kept = Landmarks(share=0.4).select(pair, known)
+    ids = np.concatenate([np.isin(pair.reference.ids, kept.reference.ids), np.isin(pair.source.ids, kept.source.ids)])
+    assert truth[ids].mean() >= right[0]
+
+
+def test_counts_of_an_orchard_change_its_tables_and_old_ones_fade(noisy: list[Simulation]) -> None:
+    """In an orchard whose surveys always miss nothing, a tree is likelier to be in both than the prior says."""
+    method = Landmarks()
+    clean = [scenes.ordinary(seed) for seed in range(3)]
+    state: Any = {}
+    for simulation in clean:
+        state = method.learn(outcome(simulation), state)
+
+    def present(state: Any) -> float:
+        memory = Memory.of(state)
+        return float(network.together(memory.counts)["landmark"][1, 2, 1])
+
+    assert present(state) != present({})
+    total = sum(map(sum, state["counts"]["size"]))
+    later = state
+    for _ in range(30):
+        later = method.learn(outcome(noisy[0]), later)
+    assert sum(map(sum, later["counts"]["size"])) < 4001 / (1 - 0.8)
+    assert total > 1000
+    from_start: Any = {}
+    for _ in range(30):
+        from_start = method.learn(outcome(noisy[0]), from_start)
+    assert present(later) == pytest.approx(present(from_start), abs=0.005)
+
+
+def test_trees_that_are_no_longer_seen_are_forgotten() -> None:
+    method, simulation = Landmarks(), scenes.ordinary()
+    state = method.learn(outcome(simulation, Rigid.identity()), {})
+    half = simulation.source.take(simulation.source.xy[:, 0] < np.median(simulation.source.xy[:, 0]))
+    assert simulation.truth is not None
+    first = len(state["trees"])
+    for _ in range(2):
+        state = method.learn(outcome(simulation, Rigid.identity()), state)
+    assert len(state["trees"]) == first
+    assert all(missed == 0 for *_, missed in state["trees"])
+    # The other half is not covered: it is neither seen nor missed.
+    partial = Outcome(Pair(simulation.reference, half, simulation.truth), np.empty((0, 2)), Rigid.identity())
+    after = method.learn(partial, state)
+    assert sum(missed > 0 for *_, missed in after["trees"]) < 0.05 * first
+    for _ in range(20):
+        after = method.learn(partial, after)
+    assert len(after["trees"]) == pytest.approx(len(half), rel=0.1)
+
+
+def damages() -> list[tuple[str, Any]]:
+    good = Landmarks().learn(outcome(scenes.ordinary(), Rigid.identity()), {})
+
+    def damaged(**changes: Any) -> Any:
+        return {**copy.deepcopy(good), **changes}
+
+    counts = good["counts"]
+    return [
+        ("a list", [1, 2]),
+        ("a later version", damaged(version=99)),
+        ("no trees", {k: v for k, v in good.items() if k != "trees"}),
+        ("something more", damaged(code="print()")),
+        ("text for trees", damaged(trees="many")),
+        ("trees of three numbers", damaged(trees=[[1.0, 2.0, 3.0]])),
+        ("ragged trees", damaged(trees=[[1.0, 2.0, 1.0, 0.0], [1.0]])),
+        ("a tree at infinity", damaged(trees=[[float("inf"), 0.0, 1.0, 0.0]])),
+        ("a huge number", damaged(trees=[[10**400, 0.0, 1.0, 0.0]])),
+        ("a count below 0", damaged(trees=[[0.0, 0.0, -1.0, 0.0]])),
+        ("counts missing", damaged(counts={})),
+        ("another shape", damaged(counts={**counts, "size": [[1.0]]})),
+        ("not a number", damaged(counts={**counts, "size": [[float("nan")] * 4] * 2})),
+        ("true for a count", damaged(counts={**counts, "size": [[True] * 4] * 2})),
+        ("a count below 0 in a table", damaged(counts={**counts, "size": [[-1.0] * 4] * 2})),
+    ]
+
+
+@pytest.mark.parametrize(("name", "state"), damages(), ids=[name for name, _ in damages()])
+def test_a_damaged_state_is_refused_in_one_sentence(name: str, state: Any) -> None:
+    simulation = scenes.ordinary()
+    with pytest.raises(InputError, match=r"^what the memory holds for bn_landmarks is damaged: .*; remove it"):
+        Landmarks().learn(outcome(simulation), state)
+    with pytest.raises(InputError):
+        Landmarks().select(scenes.near(simulation), Context(memory={"bn_landmarks": state}))
+
+
+def test_the_network_is_exported_as_it_is_used() -> None:
+    method = Landmarks()
+    state = method.learn(outcome(scenes.ordinary()), {})
+    files = method.export(state)
+    assert files.keys() == {"bn_landmarks.xml"}
+    root = ElementTree.fromstring(files["bn_landmarks.xml"].encode())
+    assert {v.findtext("NAME") for v in root.iter("VARIABLE")} == set(STATES)
+    parents = {d.findtext("FOR"): tuple(g.text for g in d.findall("GIVEN")) for d in root.iter("DEFINITION")}
+    assert {node: set(of) for node, of in parents.items()} == {node: set(of) for node, of in PARENTS.items()}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"`pgmpy\.estimators\.StructureScore` is deprecated", FutureWarning)
+        from pgmpy.inference import VariableElimination
+        from pgmpy.readwrite import XMLBIFReader
+    read = VariableElimination(XMLBIFReader(string=files["bn_landmarks.xml"]).get_model())
+    known = {node: STATES[node][len(STATES[node]) // 2] for node in EVIDENCE}
+    asked = read.query(["landmark"], evidence=known, show_progress=False)
+    table = network.posterior(Memory.of(state).counts)
+    at = tuple(STATES[node].index(known[node]) for node in EVIDENCE)
+    assert asked.get_value(landmark="yes") == pytest.approx(table[at][1], abs=1e-6)
+
+
+def test_the_tables_are_probabilities_and_a_landmark_is_a_tree() -> None:
+    for node, table in network.together(network.none()).items():
+        assert table.shape == shape(node)
+        assert table.sum(axis=-1) == pytest.approx(np.ones(table.shape[:-1]))
+        assert node == "landmark" or (table > 0).all()
+    table = network.posterior(network.none())
+    assert (table[..., 1] <= table[..., 0] + 1e-12).all()
+
+
+def test_pgmpy_is_imported_only_where_a_network_runs() -> None:
+    code = (
+        "import sys; from treereg_bn_landmarks import Landmarks; from treereg_core.registry import installed\n"
+        "installed(); Landmarks(); assert 'pgmpy' not in sys.modules\n"
+        "from treereg_core.testing import scenes; from treereg_core.method import Context\n"
+        "Landmarks().select(scenes.near(scenes.ordinary()), Context()); assert 'pgmpy' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
+
+
+def test_the_confidence_filter_of_the_benchmark_keeps_the_share() -> None:
+    pair = scenes.near(scenes.ordinary())
+    assert chosen(confidence_filter(0.2), pair).mean() == pytest.approx(0.2, abs=0.01)

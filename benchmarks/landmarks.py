@@ -216,7 +216,7 @@ def remembered(simulation: Simulation, rng: np.random.Generator) -> dict[str, ob
 def shown_by(features: FeatureSet) -> tuple[float, Callable[[FloatArray], BoolArray]]:
     """The in-row step of a survey and which points it covers."""
     step = Planting.of(features).step
-    return step, footprint(features, step).covers
+    return step, footprint(features.xy, step).covers
 
 
 def as_text(counts: dict[str, FloatArray]) -> str:

@@ -9,13 +9,15 @@ import numpy as np
 from treereg_bn_landmarks.planting import Planting, nearest_of
 from treereg_bn_landmarks.structure import EVIDENCE, STATES
 from treereg_core.errors import NoRegistration
-from treereg_core.features import BoolArray, FeatureSet, IntArray
+from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
 from treereg_core.footprint import Footprint
 from treereg_core.pair import Pair, Rows
-from treereg_core.transform import FloatArray
+from treereg_core.transform import FloatArray, Model
 
 # Something stands at a tree when it is within this share of the in-row step.
 GATE = 0.35
+# So many trees, and so many partners of theirs, tell how all are off together, in so many rounds at most.
+ASKED, ENOUGH, SETTLING = 3000, 30, 15
 # Fewer trees are no planting.
 LEAST = 3
 # A footprint is closed over so many steps.
@@ -47,14 +49,16 @@ class Side:
 
 
 def sides(pair: Pair, threads: int = 1) -> tuple[Side, Side]:
-    """Reference and source as they lie to each other, less the small offset that partners around have in common.
+    """Reference and source as they lie to each other, less what partners have in common: a motion, then an offset.
 
-    A start that is off by a part of the spacing, or a bend of the map, moves all trees alike, and says nothing on any
-    single one. Raises `NoRegistration` for fewer than three trees in a survey, or trees that do not stand apart.
+    A start that is off by a part of the spacing moves all trees, and a bend of the map all trees around, alike; neither
+    says anything on any single one. Raises `NoRegistration` for fewer than three trees in a survey, or trees that do
+    not stand apart.
     """
     if min(len(pair.reference), len(pair.source)) < LEAST:
         raise NoRegistration(f"a survey has fewer than {LEAST} trees, so landmarks cannot be told")
     plantings = Planting.of(pair.reference, threads), Planting.of(pair.source, threads)
+    pair = _settled(pair, _gate(pair, plantings))
     points = pair.reference.xy, pair.source_in_reference
     forth, back = _partners(pair, points, plantings, threads)
     shifted = (
@@ -62,14 +66,41 @@ def sides(pair: Pair, threads: int = 1) -> tuple[Side, Side]:
         points[1] + _common_offset(plantings[1], points[::-1], back, _mutual(back, forth)),
     )
     forth, back = _partners(pair, shifted, plantings, threads)
-    covered = (
-        footprint(pair.source, plantings[1].step).covers(pair.reference_from_source.inverse()(shifted[0])),
-        footprint(pair.reference, plantings[0].step).covers(shifted[1]),
-    )
+    # Both grounds are laid out in one frame, so that the source's own frame makes no difference.
+    grounds = footprint(points[0], plantings[0].step), footprint(points[1], plantings[1].step)
+    covered = grounds[1].covers(shifted[0]), grounds[0].covers(shifted[1])
     return (
         Side(pair.reference, plantings[0], points[0], forth, _mutual(forth, back), covered[0]),
         Side(pair.source, plantings[1], points[1], back, _mutual(back, forth), covered[1]),
     )
+
+
+def _gate(pair: Pair, plantings: tuple[Planting, Planting]) -> float:
+    """Metres, in the reference's frame, within which trees are partners."""
+    return GATE * (plantings[0].step + pair.reference_from_source.scale * plantings[1].step) / 2
+
+
+def _settled(pair: Pair, within: float) -> Pair:
+    """The pair moved rigidly onto the partners of some of its trees, until these stay the same.
+
+    So starts that lie a little apart lead to the same evidence, to the last tree.
+    """
+    every = 1 + len(pair.reference) // ASKED
+    points = pair.reference.xy[np.argsort(pair.reference.ids)][::every]
+    before = np.empty(0, dtype=np.int64)
+    for _ in range(SETTLING):
+        here = pair.reference_from_source.inverse()(points)
+        distance, partner = nearest(pair.source.tree, here, within / pair.reference_from_source.scale)
+        near = np.isfinite(distance)
+        if near.sum() < ENOUGH or np.array_equal(partner, before):
+            break
+        before = partner
+        try:
+            common = Model.RIGID.fit(pair.source_in_reference[partner[near]], points[near])
+        except ValueError:
+            break
+        pair = pair.at(common @ pair.reference_from_source)
+    return pair
 
 
 def _partners(
@@ -81,7 +112,7 @@ def _partners(
     Each is asked in the frame of the survey that is asked, so that its k-d tree serves all placements.
     """
     to_source, scale = pair.reference_from_source.inverse(), pair.reference_from_source.scale
-    within = GATE * (plantings[0].step + scale * plantings[1].step) / 2
+    within = _gate(pair, plantings)
     _, forth = nearest_of(pair.source, to_source(points[0]), pair.reference, within / scale, threads=threads)
     _, back = nearest_of(pair.reference, points[1], pair.source, within, threads=threads)
     return np.where(forth < len(pair.source), forth, -1), np.where(back < len(pair.reference), back, -1)
@@ -101,13 +132,9 @@ def _common_offset(
     return np.asarray(smooth[:, :2] / (smooth[:, 2:] + 1e-3))
 
 
-def footprint(features: FeatureSet, step: float) -> Footprint:
-    """The ground that a survey covers, worked out once."""
-    key = (Footprint, "bn_landmarks")
-    if key not in features.derived:
-        features.derived[key] = Footprint.of(features.xy, FOOTPRINT * step)
-    ground: Footprint = features.derived[key]
-    return ground
+def footprint(xy: FloatArray, step: float) -> Footprint:
+    """The ground that a survey's trees (n, 2) cover, metres, when this is their in-row step."""
+    return Footprint.of(xy, FOOTPRINT * step)
 
 
 def evidence(side: Side, other: Side, rows: Rows | None, earlier: IntArray) -> IntArray:

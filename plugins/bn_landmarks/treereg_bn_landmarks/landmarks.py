@@ -72,11 +72,9 @@ class Landmarks(FeatureFilter, Learner):
         memory = memory.with_counts(learned)
         if home is not None:
             source = both[1]
-            ground, reference_from_home = footprint(pair.source, source.planting.step), home.inverse()
-            source_from_home = pair.reference_from_source.inverse() @ reference_from_home
-            memory = memory.with_trees(
-                home(source.xy), source.planting.step, lambda xy: ground.covers(source_from_home(xy))
-            )
+            xy, step, reference_from_home = pair.source_in_reference, both[1].planting.step, home.inverse()
+            ground = footprint(xy, step)
+            memory = memory.with_trees(home(xy), step, lambda at: ground.covers(reference_from_home(at)))
         return memory.state()
 
     def export(self, state: State) -> Mapping[str, str]:

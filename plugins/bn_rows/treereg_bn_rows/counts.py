@@ -66,7 +66,7 @@ def updated(state: State, fresh: Tables) -> State:
 
 
 def checked(state: State) -> Tables:
-    """The counts of a state, zeros for an empty one. Raises `InputError` for one that is damaged or of another version."""
+    """The counts of a state, zeros for an empty one. Raises `InputError` for one that is damaged or too new."""
     if not state:
         return {name: np.zeros(shape(name)) for name in PARENTS}
     if state.get("version") != VERSION:

@@ -29,7 +29,7 @@ STATES: dict[str, tuple[str, ...]] = {
 - gaps: trees that stand opposite a gap of the other row, where both rows run: how many more than usual under other
   placements, in standard deviations.
 - context: mean probability, by the signs above, that the rows to both sides are the same; none where there are none.
-- field: how much more all rows together say for this placement than for any at another offset: log-odds.
+- field: how much more all rows and trees together say for this placement than for any at another offset: log-odds.
 """
 BOUNDS = {
     name: np.array([float(state.partition("_")[2]) for state in states if state.startswith("under")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,8 +13,8 @@ from treereg_bn_rows.ranking import Ranked
 from treereg_core.features import BoolArray, IntArray
 from treereg_core.pair import MatchedRows
 
-MOST = 0.5
-"""Two rows are the same when at least this share of the trees of the one with fewer match trees of the other."""
+MOST, FEWEST = 0.5, 2
+"""Two rows are the same when this share of the matched trees of either, and so many, match trees of the other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +34,18 @@ def lessons(shown: Sequence[Ranked], rows: MatchedRows, matches: IntArray) -> Le
 
 
 def same_rows(rows: MatchedRows, matches: IntArray) -> set[tuple[int, int]]:
-    """The pairs of rows of which most trees are the same."""
-    row_of = [
-        {tree: k for k, row in enumerate(side.trees) for tree in row.tolist()} for side in (rows.reference, rows.source)
-    ]
-    count: dict[tuple[int, int], int] = {}
-    for a, b in matches.tolist():
-        if a in row_of[0] and b in row_of[1]:
-            pair = row_of[0][a], row_of[1][b]
-            count[pair] = count.get(pair, 0) + 1
+    """The pairs of rows of which most trees match each other, of those that match any; two at least.
+
+    A piece is the same as the whole row that it is of.
+    """
+    sides = []
+    for side, ids in zip((rows.reference, rows.source), matches.T, strict=True):
+        row_of = {tree: k for k, row in enumerate(side.trees) for tree in row.tolist()}
+        sides.append([row_of.get(tree, -1) for tree in ids.tolist()])
+    both = Counter((i, j) for i, j in zip(*sides, strict=True) if i >= 0 and j >= 0)
+    of_reference, of_source = (Counter(side) for side in sides)
     return {
         (i, j)
-        for (i, j), trees in count.items()
-        if trees >= MOST * min(len(rows.reference.trees[i]), len(rows.source.trees[j]))
+        for (i, j), trees in both.items()
+        if trees >= FEWEST and trees >= MOST * min(of_reference[i], of_source[j])
     }

@@ -18,8 +18,8 @@ from treereg_core.method import Context, RowMatcher
 from treereg_core.pair import Pair
 from treereg_core.row_trees import along_rows
 
-WORSE = 30.0
-"""Placements that are less likely than the best by these log-odds are not handed on."""
+WORSE, WORSE_PROFILE = 30.0, 10.0
+"""Placements are handed on when these log-odds, of rows and trees, or of rows alone, are all that the best is ahead."""
 
 
 class BnRows(RowMatcher, Learner):
@@ -57,8 +57,7 @@ class BnRows(RowMatcher, Learner):
         too few trees of matched rows meet, and `InputError` when the memory is damaged.
         """
         known = posterior(mixed(context.memory.get(self.name, {})))
-        found = ranked(looks(pair, self.offsets, context), known)
-        return _handed_on(pair, found[: self.placements], context)
+        return _handed_on(pair, ranked(looks(pair, self.offsets, context), known), self.placements, context)
 
     def learn(self, outcome: Outcome, state: State) -> State:
         """The state with the counts of this outcome's rows, the same and not; older ones weigh four fifths.
@@ -81,14 +80,17 @@ class BnRows(RowMatcher, Learner):
         return {f"{self.name}.xml": xmlbif(mixed(state))}
 
 
-def _handed_on(pair: Pair, found: Sequence[Ranked], context: Context) -> tuple[Pair, ...]:
+def _handed_on(pair: Pair, found: Sequence[Ranked], most: int, context: Context) -> tuple[Pair, ...]:
     """The pair with each of these placements' rows, at the fit to their trees, less those that are far less likely."""
     assert pair.rows is not None
     results: list[Pair] = []
     reason = NoRegistration("no rows of the two surveys are the same")
+    best = found[0]
     for one in found:
-        if one.total < found[0].total - WORSE:
+        if len(results) == most:
             break
+        if one.total < best.total - WORSE and one.profile < best.profile - WORSE_PROFILE:
+            continue
         matched = replace(pair, rows=replace(pair.rows, matches=one.matches)).at(one.look.placed.transform)
         try:
             results.append(matched.at(along_rows(matched, context).transform))

@@ -125,13 +125,17 @@ def placements(ground: Ground, based: tuple[Affine, Affine], offsets: float, con
 def _samples(ground: Ground, context: Context) -> tuple[IntArray, IntArray]:
     """Trees that lie on the reference's ground: some of those in rows, as positions in the lines, and some of all."""
     rng = context.rng("bn_rows")
+    source, trees = ground.pair.source, ground.source.trees
     covered = ground.evidence.reference.footprint.covers(ground.pair.source_in_reference)
-    if not covered[ground.source.trees].any():
+    if not covered[trees].any():
         raise NoRegistration("no row of the source lies on the ground of the reference, so none can be matched")
-    on_lines, all_trees = np.flatnonzero(covered[ground.source.trees]), np.flatnonzero(covered)
-    asked = rng.choice(on_lines, min(len(on_lines), ON_LINES), replace=False)
-    few = rng.choice(all_trees, min(len(all_trees), SCREENED), replace=False)
-    return np.sort(asked), np.sort(few)
+
+    def some(among: IntArray, ids: IntArray, count: int) -> IntArray:
+        among = among[np.argsort(ids[among])]  # whatever the order of trees, the same ones are drawn
+        return np.asarray(among[np.sort(rng.choice(len(among), min(len(among), count), replace=False))])
+
+    on_lines = some(np.flatnonzero(covered[trees]), source.ids[trees], ON_LINES)
+    return on_lines, some(np.flatnonzero(covered), source.ids, SCREENED)
 
 
 def _laid(ground: Ground, starts: Sequence[Affine], asked: IntArray, aside: float) -> Laid:

@@ -1,4 +1,4 @@
-"""Profiles: the rows of two surveys in one frame, in their order across the field, and which of them may be the same."""
+"""Profiles: the rows of two surveys in one frame, in their order across the field, and which lie beside each other."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ class Profile:
         row = rank[lines.row]
         along = np.lexsort((smooth[:, 0], row))
         along = along[row[along] >= 0]
-        return cls(np.array(order), xy[lines.trees[along], 0], *smooth[along].T, row[along])
+        u, v = smooth[along].T
+        return cls(np.array(order), xy[lines.trees[along], 0], u, v, row[along])
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -85,7 +86,8 @@ class Profile:
         apart = float(np.ptp(self.line_u)) + 1.0
         low = self.line_u.min()
         place = np.clip(place.T, self.first[row], self.last[row])
-        return np.interp(row * apart + place - low, self.row * apart + self.line_u - low, self.line_v).T
+        v = np.interp(row * apart + place - low, self.row * apart + self.line_u - low, self.line_v)
+        return np.asarray(v.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +144,7 @@ class Candidates:
 
     def shifted(self, along: float, across: float, within: float) -> Candidates:
         """As they are when the source lies so much farther along and across, metres; those within `within` across."""
-        moved = replace(
-            self, across=self.across - across, begin=self.begin - along, end=self.end - along
-        )
+        moved = replace(self, across=self.across - across, begin=self.begin - along, end=self.end - along)
         return moved.take(np.abs(moved.across) < within)
 
     def meeting(self, along: float, spacing: float) -> tuple[IntArray, IntArray]:

@@ -12,7 +12,6 @@ from treereg_bn_rows.assignment import in_order
 from treereg_bn_rows.looks import Look
 from treereg_bn_rows.network import Posterior
 from treereg_core.features import IntArray
-from treereg_core.transform import FloatArray
 
 USUAL_ALONG, USUAL_ACROSS = 2.0, 2.0
 """How far starts usually are off, along in in-row spacings, across in row distances."""
@@ -52,8 +51,8 @@ def _context(look: Look, known: Posterior) -> IntArray:
 
 def _in_field(found: Ranked, others: Sequence[Ranked], known: Posterior) -> Ranked:
     """The same placement with rows assigned by what the whole field says too; what speaks for it stays."""
-    rivals = [other.profile for other in others if other is not found]
-    advantage = found.profile - max(rivals) if rivals else np.inf
+    rivals = [other.total for other in others if other is not found]
+    advantage = found.total - max(rivals) if rivals else np.inf
     states = {**found.states, "field": evidence.field(advantage, len(found.look.pairs.i))}
     again = _assigned(found.look, states, known)
     return Ranked(found.look, states, again.matches, found.profile, found.total)
@@ -66,6 +65,7 @@ def _assigned(look: Look, states: dict[str, IntArray], known: Posterior) -> Rank
     log_odds[pairs.i, pairs.j] = known.log_odds(states)
     i, j = in_order(log_odds).T
     matches = np.column_stack([pairs.reference.rows[i], pairs.source.rows[j]])
+    matches = matches[np.argsort(matches[:, 0])]
     profile = float(log_odds[i, j].sum())
     return Ranked(look, states, matches, profile, profile + look.placed.trees - _strangeness(look))
 

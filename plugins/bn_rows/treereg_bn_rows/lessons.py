@@ -26,11 +26,15 @@ class Lessons:
 
 
 def lessons(shown: Sequence[Ranked], rows: MatchedRows, matches: IntArray) -> Lessons:
-    """What these placements showed of their pairs of rows, when these trees (k, 2), by id, are the same."""
+    """What these placements showed of their pairs of rows, when these trees (k, 2), by id, are the same.
+
+    The start that they were found from must lie in the right sense: under a half turn of it no two rows are the same,
+    not even the middle one and itself.
+    """
     same = same_rows(rows, matches)
     states = {name: np.concatenate([found.states[name] for found in shown]) for name in STATES}
-    pairs = np.concatenate([found.look.rows for found in shown])
-    return Lessons(states, np.array([(i, j) in same for i, j in pairs.tolist()], dtype=bool))
+    labels = [found.look.placed.sense == 0 and (i, j) in same for found in shown for i, j in found.look.rows.tolist()]
+    return Lessons(states, np.array(labels, dtype=bool))
 
 
 def same_rows(rows: MatchedRows, matches: IntArray) -> set[tuple[int, int]]:

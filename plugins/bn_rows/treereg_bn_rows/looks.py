@@ -46,7 +46,7 @@ def looks(pair: Pair, offsets: float, context: Context) -> list[Look]:
     based = bases(ground, context)
     found = placements(ground, based, offsets, context)
     reach = (offsets + 1) * ground.reference.distance
-    beside = tuple(candidates(ground, base, reach) for base in based)
+    beside = candidates(ground, based, reach)
     shown = []
     for placed in found:
         pairs = beside[placed.sense].shifted(placed.along, placed.across, BESIDE * ground.reference.distance)
@@ -74,10 +74,10 @@ def ground_of(pair: Pair, context: Context) -> Ground:
     return Ground(pair, *lines, evidence, frame_of(rows.reference, pair.reference))
 
 
-def candidates(ground: Ground, base: Affine, reach: float) -> Candidates:
-    """The pairs of rows within so many metres across under a placement."""
+def candidates(ground: Ground, bases: tuple[Affine, ...], reach: float) -> tuple[Candidates, ...]:
+    """The pairs of rows within so many metres across under each placement."""
     rows = ground.pair.rows
     assert rows is not None
     reference = Profile.of(rows.reference, ground.pair.reference, ground.reference, ground.frame)
-    source = Profile.of(rows.source, ground.pair.source, ground.source, ground.frame @ base)
-    return Candidates.of(reference, source, reach)
+    sources = (Profile.of(rows.source, ground.pair.source, ground.source, ground.frame @ base) for base in bases)
+    return tuple(Candidates.of(reference, source, reach) for source in sources)

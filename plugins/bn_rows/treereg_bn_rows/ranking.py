@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from treereg_bn_rows.assignment import in_order
 from treereg_bn_rows.looks import Look
 from treereg_bn_rows.network import Posterior
 from treereg_core.features import IntArray
+from treereg_core.transform import FloatArray
 
 USUAL_ALONG, USUAL_ACROSS = 2.0, 2.0
 """How far starts usually are off, along in in-row spacings, across in row distances."""
@@ -21,7 +22,7 @@ HALF_TURN = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """A look and the states of all its signs; `matches` (k, 2), the rows assigned to each other.
+    """A look and the states of its signs; `matches` (k, 2), the rows of reference and source assigned to each other.
 
     Log-odds: `profile`, what the rows say for the placement; `total`, with what single trees say and how strange it is.
     """
@@ -35,39 +36,54 @@ class Ranked:
 
 def ranked(looked: Sequence[Look], known: Posterior) -> list[Ranked]:
     """The best placement of each offset, likeliest first."""
-    first = [_assigned(look, {**look.states, "context": _context(look, known)}, known) for look in looked]
     best: dict[int, Ranked] = {}
-    for found in first:
-        held = best.setdefault(found.look.placed.offset, found)
-        if found.total > held.total:
-            best[found.look.placed.offset] = found
+    for look in looked:
+        held = best.get(look.placed.offset)
+        found = _assigned(look, known, -np.inf if held is None else held.total)
+        if found is not None and (held is None or found.total > held.total):
+            best[look.placed.offset] = found
     order = sorted(best.values(), key=lambda found: -found.total)
     return [_in_field(found, order, known) for found in order]
 
 
-def _context(look: Look, known: Posterior) -> IntArray:
-    return evidence.context(look.pairs, 1 / (1 + np.exp(-known.log_odds(look.states))))
+def _assigned(look: Look, known: Posterior, least: float) -> Ranked | None:
+    """A look with its rows assigned by all signs but the field; None when its total cannot be above `least`."""
+    probability = 1 / (1 + np.exp(-known.log_odds(look.states)))
+    states = {**look.states, "context": evidence.context(look.pairs, probability)}
+    log_odds = known.log_odds(states)
+    others = look.placed.trees - _strangeness(look)
+    # no assignment is better than each row's best partner
+    most = np.zeros(len(look.pairs.reference))
+    np.maximum.at(most, look.pairs.i, log_odds)
+    if most.sum() + others <= least:
+        return None
+    matches, profile = _in_order(look, log_odds)
+    return Ranked(look, states, matches, profile, profile + others)
 
 
 def _in_field(found: Ranked, others: Sequence[Ranked], known: Posterior) -> Ranked:
-    """The same placement with rows assigned by what the whole field says too; what speaks for it stays."""
+    """The same with the state of the field, and with the rows assigned that are the same if the placement is right.
+
+    Which one is right is for the judge: so no placement's field speaks against its rows.
+    """
     rivals = [other.total for other in others if other is not found]
     advantage = found.total - max(rivals) if rivals else np.inf
-    states = {**found.states, "field": evidence.field(advantage, len(found.look.pairs.i))}
-    again = _assigned(found.look, states, known)
-    return Ranked(found.look, states, again.matches, found.profile, found.total)
+    shown, assumed = (
+        {**found.states, "field": evidence.field(value, len(found.look.pairs.i))}
+        for value in (advantage, max(advantage, 0.0))
+    )
+    matches, _ = _in_order(found.look, known.log_odds(assumed))
+    return replace(found, states=shown, matches=matches)
 
 
-def _assigned(look: Look, states: dict[str, IntArray], known: Posterior) -> Ranked:
-    """The most probable assignment in order by these states."""
+def _in_order(look: Look, log_odds: FloatArray) -> tuple[IntArray, float]:
+    """The most probable assignment (k, 2), and the sum of its log-odds."""
     pairs = look.pairs
-    log_odds = np.full((len(pairs.reference), len(pairs.source)), -np.inf)
-    log_odds[pairs.i, pairs.j] = known.log_odds(states)
-    i, j = in_order(log_odds).T
+    table = np.full((len(pairs.reference), len(pairs.source)), -np.inf)
+    table[pairs.i, pairs.j] = log_odds
+    i, j = in_order(table).T
     matches = np.column_stack([pairs.reference.rows[i], pairs.source.rows[j]])
-    matches = matches[np.argsort(matches[:, 0])]
-    profile = float(log_odds[i, j].sum())
-    return Ranked(look, states, matches, profile, profile + look.placed.trees - _strangeness(look))
+    return matches[np.argsort(matches[:, 0])], float(table[i, j].sum())
 
 
 def _strangeness(look: Look) -> float:

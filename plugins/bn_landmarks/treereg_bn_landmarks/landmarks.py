@@ -71,7 +71,6 @@ class Landmarks(FeatureFilter, Learner):
             learned = {node: learned[node] + more[node] for node in learned}
         memory = memory.with_counts(learned)
         if home is not None:
-            source = both[1]
             xy, step, reference_from_home = pair.source_in_reference, both[1].planting.step, home.inverse()
             ground = footprint(xy, step)
             memory = memory.with_trees(home(xy), step, lambda at: ground.covers(reference_from_home(at)))

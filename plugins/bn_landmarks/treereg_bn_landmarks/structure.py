@@ -49,14 +49,14 @@ PARENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "confidence": ("real", "surroundings", "size"),
         "place": ("real", "agreement"),
         "row": ("real", "place"),
-        "earlier": ("real", "landmark"),
+        "earlier": ("real", "landmark", "partner"),
         "partner": ("landmark", "agreement", "size"),
         "their": ("landmark", "partner", "confidence"),
     }
 )
 """What each node depends on. Evidence that depends on evidence has an arc too: confidence on the confidences around and
 on the crown's size, the place on how well the surveys agree there, which says how noisy they are, being in a row on the
-place, and the partner on agreement and size."""
+place, the partner on agreement and size, and what earlier surveys had there on what stands there now."""
 
 HIDDEN = ("real", "landmark")
 EVIDENCE = tuple(node for node in STATES if node not in HIDDEN)

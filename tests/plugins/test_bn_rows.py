@@ -155,6 +155,14 @@ def test_rows_in_pieces_in_both_surveys() -> None:
     assert len(rows_of(found).matches) > 0.95 * len(rows_of(pair).source)
 
 
+def test_rows_across_the_others_are_matched_too() -> None:
+    simulation = simulate(Scene(trees=900, outline="rectangle", headlands=2, rotation="any"), 2)
+    found = require_right(simulation, off(simulation, 1.0, 1.0), least=0.95)
+    across = simulation.trees.row.max()
+    ours = row_of_trees(simulation, simulation.reference)
+    assert across in {ours[int(rows_of(found).reference.trees[i][0])] for i, _ in rows_of(found).matches}
+
+
 @pytest.mark.parametrize(
     ("model", "truth"),
     [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from pydantic import Field
 
 from treereg_bn_rows.counts import counted, mixed, updated
@@ -16,6 +17,8 @@ from treereg_core.errors import NoRegistration
 from treereg_core.learning import Learner, Outcome, State
 from treereg_core.method import Context, RowMatcher
 from treereg_core.pair import Pair
+from treereg_core.row_lines import RowLines
+from treereg_core.row_matching import match_rows
 from treereg_core.row_trees import along_rows
 
 WORSE, WORSE_PROFILE = 30.0, 10.0
@@ -82,7 +85,6 @@ class BnRows(RowMatcher, Learner):
 
 def _handed_on(pair: Pair, found: Sequence[Ranked], most: int, context: Context) -> tuple[Pair, ...]:
     """The pair with each of these placements' rows, at the fit to their trees, less those that are far less likely."""
-    assert pair.rows is not None
     results: list[Pair] = []
     reason = NoRegistration("no rows of the two surveys are the same")
     best = found[0]
@@ -91,11 +93,26 @@ def _handed_on(pair: Pair, found: Sequence[Ranked], most: int, context: Context)
             break
         if one.total < best.total - WORSE and one.profile < best.profile - WORSE_PROFILE:
             continue
-        matched = replace(pair, rows=replace(pair.rows, matches=one.matches)).at(one.look.placed.transform)
         try:
-            results.append(matched.at(along_rows(matched, context).transform))
+            results.append(_fitted(pair, one, context))
         except NoRegistration as refusal:
             reason = refusal
     if not results:
         raise reason
     return tuple(results)
+
+
+def _fitted(pair: Pair, one: Ranked, context: Context) -> Pair:
+    """The pair with its rows matched as under this placement, at the fit to their trees."""
+    assert pair.rows is not None
+    matched = replace(pair, rows=replace(pair.rows, matches=one.matches))
+    fitted = matched.at(along_rows(matched.at(one.look.placed.transform), context).transform)
+    lengthwise = one.look.pairs.reference.rows, one.look.pairs.source.rows
+    if len(lengthwise[0]) == len(pair.rows.reference) or len(lengthwise[1]) == len(pair.rows.source):
+        return fitted
+    # rows across the others, as on headlands, have no order among them: they are matched by where they lie
+    lines = RowLines.of(pair.rows.reference, pair.reference), RowLines.of(pair.rows.source, pair.source)
+    near = match_rows(*lines, fitted.reference_from_source)
+    crosswise = ~np.isin(near[:, 0], lengthwise[0]) & ~np.isin(near[:, 1], lengthwise[1])
+    matches = np.unique(np.concatenate([one.matches, near[crosswise]]), axis=0)
+    return replace(fitted, rows=replace(pair.rows, matches=matches))

@@ -9,26 +9,31 @@ import numpy as np
 from treereg_bn_rows.evidence import BESIDE, signs, surprises
 from treereg_bn_rows.placing import Ground, Placed, bases, placements
 from treereg_bn_rows.profile import Candidates, Profile, frame_of
+from treereg_core.course import Course
 from treereg_core.errors import NoRegistration
 from treereg_core.evidence import Evidence
 from treereg_core.features import IntArray
 from treereg_core.method import Context
 from treereg_core.pair import Pair
 from treereg_core.row_lines import RowLines
-from treereg_core.transform import Affine
+from treereg_core.transform import Affine, Rigid
+
+SAME_LINE, WIDEST = 0.4, 4.0
+"""Neighbours are nearer or farther apart than this, in distances to the nearer row, when they are of one line, or when
+there is a road between them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
     """The pairs of rows that lie beside each other under one placement, and the states of each pair by itself.
 
-    `distance` of neighbouring rows and `spacing` of trees along them, in the reference, metres.
+    `apart`, `spacing`: the mean distances of neighbouring rows and of trees along them in the reference, metres.
     """
 
     placed: Placed
     pairs: Candidates
     states: dict[str, IntArray]
-    distance: float
+    apart: float
     spacing: float
 
     @property
@@ -45,7 +50,7 @@ def looks(pair: Pair, offsets: float, context: Context) -> list[Look]:
     ground = ground_of(pair, context)
     based = bases(ground, context)
     found = placements(ground, based, offsets, context)
-    reach = (offsets + 1) * ground.reference.distance
+    reach = offsets * ground.apart + ground.reference.distance
     beside = candidates(ground, based, reach)
     shown = []
     for placed in found:
@@ -56,7 +61,7 @@ def looks(pair: Pair, offsets: float, context: Context) -> list[Look]:
     usual = float(np.median(shares)) if shares else 0.0
     scale = ground.reference.distance, ground.reference.spacing
     return [
-        Look(placed, pairs, signs(pairs, *scale, surprises(seen, alone, usual)), *scale)
+        Look(placed, pairs, signs(pairs, *scale, surprises(seen, alone, usual)), ground.apart, ground.reference.spacing)
         for placed, pairs, seen, alone in shown
     ]
 
@@ -71,7 +76,19 @@ def ground_of(pair: Pair, context: Context) -> Ground:
         if not len(found.trees):
             raise NoRegistration(f"the {survey} has no row of two trees that stand apart, so no rows can be matched")
     evidence = Evidence(pair.reference, pair.source, context.threads)
-    return Ground(pair, *lines, evidence, frame_of(rows.reference, pair.reference))
+    frame = frame_of(rows.reference, pair.reference)
+    return Ground(pair, *lines, evidence, frame, _apart(lines[0], frame))
+
+
+def _apart(lines: RowLines, frame: Rigid) -> float:
+    """The mean distance from row to next row, metres; wider gaps, as roads, left out."""
+    course = Course.of(frame(lines.smooth), np.unique(lines.row, return_counts=True)[1])
+    if course is None:
+        return lines.distance
+    near, far = course.opposite
+    gap = course.across[far] - course.across[near]
+    gap = gap[(gap > SAME_LINE * lines.distance) & (gap < WIDEST * lines.distance)]
+    return max(float(gap.mean()), lines.distance) if len(gap) else lines.distance
 
 
 def candidates(ground: Ground, bases: tuple[Affine, ...], reach: float) -> tuple[Candidates, ...]:

@@ -49,7 +49,7 @@ class BnRows(RowMatcher, Learner):
         ge=0,
         le=20,
         description="how far across the start may be off",
-        json_schema_extra={"unit": "row distances"},
+        json_schema_extra={"unit": "rows"},
     )
     placements: int = Field(5, ge=1, le=50, description="how many placements are handed on at most")
 

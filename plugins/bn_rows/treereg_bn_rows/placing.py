@@ -53,13 +53,18 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Two surveys with rows as lines, ready to be laid on each other; `frame` takes the reference along its rows."""
+    """Two surveys with rows as lines, ready to be laid on each other.
+
+    `frame` takes the reference to a frame along its rows; `apart` is the mean distance from row to next row, metres,
+    where `reference.distance` is that to the nearer one, as in double rows.
+    """
 
     pair: Pair
     reference: RowLines
     source: RowLines
     evidence: Evidence
     frame: Rigid
+    apart: float
 
 
 def bases(ground: Ground, context: Context) -> tuple[Affine, Affine]:
@@ -74,7 +79,7 @@ def bases(ground: Ground, context: Context) -> tuple[Affine, Affine]:
     distance = ground.reference.distance
     half = max(float(np.abs(ground.frame.linear[0] @ (points - centre).T).max()), ground.reference.spacing)
     turned = [Rigid.turn(np.degrees(end * distance / half), about=centre) @ start for end in TURNED]
-    laid = _laid(ground, turned, asked, ASIDE)
+    laid = _laid(ground, turned, asked, ASIDE * distance)
     if not laid.tight.max() > MEET:
         raise NoRegistration("the rows of the two surveys cross each other or lie apart, so none can be matched")
     placed = laid.transforms()
@@ -84,17 +89,18 @@ def bases(ground: Ground, context: Context) -> tuple[Affine, Affine]:
 
 
 def placements(ground: Ground, based: tuple[Affine, Affine], offsets: float, context: Context) -> list[Placed]:
-    """Distinct placements up to so many row distances to both sides of the bases, and along."""
+    """Distinct placements up to so many rows to both sides of the bases, and along."""
     asked, few = _samples(ground, context)
     reference, points = ground.reference, ground.source.smooth[asked]
+    farthest = offsets * ground.apart + APART * reference.distance
     kept: list[Laid] = []
     sense: list[int] = []
     number: list[int] = []
     for which, base in enumerate(based):
-        laid = _laid(ground, [base], asked, offsets + ASIDE_STEP)
+        laid = _laid(ground, [base], asked, farthest)
         across = _displaced(ground, laid.transforms(), base, points)[:, 1]
         good = laid.tight >= max(AS_TIGHT * laid.tight.max(), MEET)
-        good &= np.abs(across) < (offsets + APART) * reference.distance
+        good &= np.abs(across) < farthest
         chosen = _distinct(across[:, None], laid.tight, good, APART * reference.distance)
         kept.append(laid.take(chosen))
         sense += [which] * len(chosen)
@@ -139,9 +145,10 @@ def _samples(ground: Ground, context: Context) -> tuple[IntArray, IntArray]:
 
 
 def _laid(ground: Ground, starts: Sequence[Affine], asked: IntArray, aside: float) -> Laid:
-    """The starts and others beside them, to so many row distances, laid on the nearest lines."""
+    """The starts and others beside them, up to so many metres to both sides, laid on the nearest lines."""
     distance = ground.reference.distance
-    steps = np.arange(-aside, aside + 1e-9, ASIDE_STEP) * distance
+    count = int(np.ceil(aside / (ASIDE_STEP * distance) - 1e-9))
+    steps = np.arange(-count, count + 1) * ASIDE_STEP * distance
     moved = Laid.of(starts).moved(np.outer(steps, ground.frame.linear[1]))
     return lay(ground.reference, ground.source, asked, moved, tuple(width * distance for width in WIDTHS))
 

@@ -15,7 +15,7 @@ from treereg_core.features import IntArray
 from treereg_core.transform import FloatArray
 
 USUAL_ALONG, USUAL_ACROSS = 2.0, 2.0
-"""How far starts usually are off, along in in-row spacings, across in row distances."""
+"""How far starts usually are off, along in in-row spacings, across in rows."""
 HALF_TURN = 3.0
 """How much less likely it is that a start is off by a half turn too: log-odds."""
 
@@ -89,5 +89,5 @@ def _in_order(look: Look, log_odds: FloatArray) -> tuple[IntArray, float]:
 def _strangeness(look: Look) -> float:
     """How unusual it is that a start was off by so much: minus the logarithm of its probability."""
     placed = look.placed
-    off = placed.along / (USUAL_ALONG * look.spacing), placed.across / (USUAL_ACROSS * look.distance)
+    off = placed.along / (USUAL_ALONG * look.spacing), placed.across / (USUAL_ACROSS * look.apart)
     return (off[0] ** 2 + off[1] ** 2) / 2 + HALF_TURN * placed.sense

@@ -9,7 +9,7 @@ import numpy as np
 
 from treereg_core.errors import NoRegistration
 from treereg_core.evidence import Evidence
-from treereg_core.features import BoolArray, IntArray
+from treereg_core.features import IntArray
 from treereg_core.method import Context
 from treereg_core.pair import Pair
 from treereg_core.row_laying import Laid, lay
@@ -31,6 +31,8 @@ APART = 0.4
 """Placements nearer across than this, in row distances, are of one offset."""
 ALONG, ALONG_STEP = 3.5, 0.7
 """So many in-row spacings to both sides along the rows, so far apart."""
+
+CROSSING = "the rows of the two surveys cross each other or lie apart, so none can be matched"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,7 @@ def bases(ground: Ground, context: Context) -> tuple[Affine, Affine]:
     turned = [Rigid.turn(np.degrees(end * distance / half), about=centre) @ start for end in TURNED]
     laid = _laid(ground, turned, asked, ASIDE * distance)
     if not laid.tight.max() > MEET:
-        raise NoRegistration("the rows of the two surveys cross each other or lie apart, so none can be matched")
+        raise NoRegistration(CROSSING)
     placed = laid.transforms()
     tight = np.flatnonzero(laid.tight >= (1 + AS_TIGHT) / 2 * laid.tight.max())
     base = placed[min(tight.tolist(), key=lambda k: ground.evidence.apart(start, placed[k]))]
@@ -89,43 +91,42 @@ def bases(ground: Ground, context: Context) -> tuple[Affine, Affine]:
 
 
 def placements(ground: Ground, based: tuple[Affine, Affine], offsets: float, context: Context) -> list[Placed]:
-    """Distinct placements up to so many rows to both sides of the bases, and along."""
+    """Distinct placements up to so many rows to both sides of the bases, and along.
+
+    Raises `NoRegistration` when rows do not meet.
+    """
     asked, few = _samples(ground, context)
     reference, points = ground.reference, ground.source.smooth[asked]
-    farthest = offsets * ground.apart + APART * reference.distance
-    kept: list[Laid] = []
-    sense: list[int] = []
-    number: list[int] = []
-    for which, base in enumerate(based):
-        laid = _laid(ground, [base], asked, farthest)
-        across = _displaced(ground, laid.transforms(), base, points)[:, 1]
-        good = laid.tight >= max(AS_TIGHT * laid.tight.max(), MEET)
-        good &= np.abs(across) < farthest
-        chosen = _distinct(across[:, None], laid.tight, good, APART * reference.distance)
-        kept.append(laid.take(chosen))
-        sense += [which] * len(chosen)
-        number += [len(number) + k for k in range(len(chosen))]
-    together = Laid(
-        kept[0].template,
-        np.concatenate([laid.linear for laid in kept]),
-        np.concatenate([laid.shift for laid in kept]),
-        np.concatenate([laid.tight for laid in kept]),
-    )
+    senses = [_at_offsets(ground, base, asked, offsets) for base in based]
+    if not any(map(len, senses)):
+        raise NoRegistration(CROSSING)
+    every = Laid.of([transform for laid in senses for transform in laid.transforms()])
     steps = np.arange(-ALONG, ALONG + 1e-9, ALONG_STEP) * reference.spacing
     widths = tuple(width * reference.distance for width in WIDTHS[-2:])
-    slid = lay(reference, ground.source, asked[::2], together.moved(np.outer(steps, ground.frame.linear[0])), widths)
+    slid = lay(reference, ground.source, asked[::2], every.moved(np.outer(steps, ground.frame.linear[0])), widths)
+    # all at once, because each is scored against what is usual among them
     screened = screen(ground.evidence, slid.transforms(), few)
-    numbers = np.repeat(number, len(steps))
     found: list[Placed] = []
-    for offset, which in zip(number, sense, strict=True):
-        of_one = np.flatnonzero(numbers == offset)
-        transforms = tuple(screened.transforms[k] for k in of_one)
-        away = _displaced(ground, transforms, based[which], points)
-        score = screened.score[of_one]
-        for k in _distinct(away, score, np.ones(len(away), dtype=bool), ground.evidence.gate).tolist():
+    for offset in range(len(every)):
+        sense = int(offset >= len(senses[0]))
+        of_one = slice(offset * len(steps), (offset + 1) * len(steps))
+        transforms, score = screened.transforms[of_one], screened.score[of_one]
+        away = _displaced(ground, transforms, based[sense], points)
+        for k in _distinct(away, score, ground.evidence.gate).tolist():
             along, across = away[k].tolist()
-            found.append(Placed(transforms[k], float(score[k]), which, along, across, offset))
+            found.append(Placed(transforms[k], float(score[k]), sense, along, across, offset))
     return found
+
+
+def _at_offsets(ground: Ground, base: Affine, asked: IntArray, offsets: float) -> Laid:
+    """The base laid on the lines at each offset across, up to so many rows to both sides."""
+    beside = APART * ground.reference.distance
+    farthest = offsets * ground.apart + beside
+    laid = _laid(ground, [base], asked, farthest)
+    across = _displaced(ground, laid.transforms(), base, ground.source.smooth[asked])[:, 1]
+    near = np.abs(across) < farthest
+    good = np.flatnonzero(near & (laid.tight >= max(AS_TIGHT * laid.tight[near].max(initial=0.0), MEET)))
+    return laid.take(good[_distinct(across[good, None], laid.tight[good], beside)])
 
 
 def _samples(ground: Ground, context: Context) -> tuple[IntArray, IntArray]:
@@ -160,11 +161,11 @@ def _displaced(ground: Ground, placed: Sequence[Affine], base: Affine, points: F
     return np.asarray(away @ ground.frame.linear.T)
 
 
-def _distinct(places: FloatArray, score: FloatArray, among: BoolArray, apart: float) -> IntArray:
-    """Positions of those that are `apart` from every better one, best first."""
+def _distinct(places: FloatArray, score: FloatArray, apart: float) -> IntArray:
+    """Positions of the places (k, d) that are so many metres from every better one, best first."""
     kept: list[int] = []
     for k in np.argsort(-score, kind="stable").tolist():
-        if among[k] and (((places[kept] - places[k]) ** 2).sum(axis=1) > apart**2).all():
+        if (((places[kept] - places[k]) ** 2).sum(axis=1) > apart**2).all():
             kept.append(k)
     return np.array(kept, dtype=np.int64)
 

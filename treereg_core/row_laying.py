@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from treereg_core.errors import NoRegistration
 from treereg_core.features import IntArray
 from treereg_core.row_lines import RowLines
 from treereg_core.transform import Affine, FloatArray, Model
@@ -56,6 +57,19 @@ class Laid:
     def transforms(self) -> tuple[Affine, ...]:
         """The placements as values."""
         return tuple(self.template(a, s) for a, s in zip(self.linear, self.shift, strict=True))
+
+
+def start_of(placement: Affine, model: Model, source: RowLines) -> Affine:
+    """A placement of the source as one of the kind that is fitted.
+
+    Raises `NoRegistration` when the rows do not determine it.
+    """
+    if isinstance(placement, model.kind):
+        return model.kind.from_matrix(placement.matrix)
+    try:
+        return model.fit(source.smooth, placement(source.smooth))
+    except ValueError as error:
+        raise NoRegistration(f"the rows of the source are too few to fix a placement: {error}") from None
 
 
 def lay(reference: RowLines, source: RowLines, sample: IntArray, start: Laid, widths: tuple[float, ...]) -> Laid:

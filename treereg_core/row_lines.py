@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from treereg_core.errors import NoRegistration
 from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
-from treereg_core.pair import Rows
+from treereg_core.pair import MatchedRows, Pair, Rows
 from treereg_core.transform import FloatArray
 
 # A line runs through the local straight fit to so many trees before and after each tree.
@@ -96,6 +97,17 @@ class RowLines:
         parallel = np.abs((t * tangent).sum(axis=1)) > np.cos(np.radians(30)) * np.hypot(*tangent.T)
         on = ~self.ending[foot] | (np.abs((t * offset).sum(axis=1)) < BEYOND * self.spacing)
         return Feet(near & parallel & on, self.of_row[foot], normal, (normal * offset).sum(axis=1))
+
+
+def lines_of(pair: Pair) -> tuple[MatchedRows, RowLines, RowLines]:
+    """The rows of a pair, and their lines in both surveys. Raises `NoRegistration` when one of them has none."""
+    if pair.rows is None:
+        raise NoRegistration("no rows were detected, so none can be matched")
+    lines = RowLines.of(pair.rows.reference, pair.reference), RowLines.of(pair.rows.source, pair.source)
+    for found, survey in zip(lines, ("reference", "source"), strict=True):
+        if not len(found.trees):
+            raise NoRegistration(f"the {survey} has no row of two trees that stand apart, so no rows can be matched")
+    return pair.rows, *lines
 
 
 def trees_of(rows: Rows, features: FeatureSet) -> tuple[IntArray, IntArray]:

@@ -13,8 +13,8 @@ from treereg_core.features import IntArray
 from treereg_core.footprint import Footprint
 from treereg_core.method import Context, RowMatcher
 from treereg_core.pair import Pair
-from treereg_core.row_laying import Laid, lay
-from treereg_core.row_lines import RowLines
+from treereg_core.row_laying import Laid, lay, start_of
+from treereg_core.row_lines import RowLines, lines_of
 from treereg_core.row_matching import match_rows
 from treereg_core.row_trees import along_rows
 from treereg_core.screening import screen
@@ -64,20 +64,12 @@ class NearestRows(RowMatcher):
         Raises `NoRegistration` when a survey has no rows, when they cross those of the other or lie elsewhere, or when
         too few trees of matched rows meet.
         """
-        rows = pair.rows
-        if rows is None:
-            raise NoRegistration("no rows were detected, so none can be matched")
-        lines = RowLines.of(rows.reference, pair.reference), RowLines.of(rows.source, pair.source)
-        for found, survey in zip(lines, ("reference", "source"), strict=True):
-            if not len(found.trees):
-                raise NoRegistration(
-                    f"the {survey} has no row of two trees that stand apart, so no rows can be matched"
-                )
-        search = _Search(pair, *lines, Evidence(pair.reference, pair.source, context.threads), context)
+        rows, reference, source = lines_of(pair)
+        search = _Search(pair, reference, source, Evidence(pair.reference, pair.source, context.threads), context)
         results: list[Pair] = []
         reason = NoRegistration("no rows meet")
         for transform in search.placements():
-            matched = replace(pair, rows=replace(rows, matches=match_rows(*lines, transform))).at(transform)
+            matched = replace(pair, rows=replace(rows, matches=match_rows(reference, source, transform))).at(transform)
             try:
                 matched = matched.at(along_rows(matched, context).transform)
             except NoRegistration as refusal:
@@ -121,7 +113,7 @@ class _Search:
 
     def looks(self, asked: IntArray) -> Iterator[Laid]:
         """Ever wider looks at where lines lie on lines; most often the first, what moved least, is right."""
-        start = self._start()
+        start = start_of(self.pair.reference_from_source, self.context.model, self.source)
         laid = self.lined_up(start, [start], asked)
         if laid.tight.max() > SURE:
             yield laid.take(np.arange(1))
@@ -198,17 +190,6 @@ class _Search:
         half = max(float(np.abs((points - centre) @ self._along()).max()), self.reference.spacing)
         ends = np.arange(-TURNED, TURNED + 1e-9, TURNED_STEP) * self.reference.distance
         return [Rigid.turn(np.degrees(end / half), about=centre) @ start for end in ends]
-
-    def _start(self) -> Affine:
-        """The pair's placement as one of the kind that is fitted."""
-        start, model = self.pair.reference_from_source, self.context.model
-        if isinstance(start, model.kind):
-            return model.kind.from_matrix(start.matrix)
-        points = self.source.smooth
-        try:
-            return model.fit(points, start(points))
-        except ValueError as error:
-            raise NoRegistration(f"the rows of the source are too few to fix a placement: {error}") from None
 
 
 def _some(rng: np.random.Generator, among: IntArray, count: int) -> IntArray:

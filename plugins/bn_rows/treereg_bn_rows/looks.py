@@ -10,12 +10,11 @@ from treereg_bn_rows.evidence import BESIDE, signs, surprises
 from treereg_bn_rows.placing import Ground, Placed, bases, placements
 from treereg_bn_rows.profile import Candidates, Profile, frame_of
 from treereg_core.course import Course
-from treereg_core.errors import NoRegistration
 from treereg_core.evidence import Evidence
 from treereg_core.features import IntArray
 from treereg_core.method import Context
 from treereg_core.pair import Pair
-from treereg_core.row_lines import RowLines
+from treereg_core.row_lines import RowLines, lines_of
 from treereg_core.transform import Affine, Rigid
 
 SAME_LINE, WIDEST = 0.4, 4.0
@@ -68,16 +67,10 @@ def looks(pair: Pair, offsets: float, context: Context) -> list[Look]:
 
 def ground_of(pair: Pair, context: Context) -> Ground:
     """A pair made ready; raises `NoRegistration` when a survey has no rows."""
-    rows = pair.rows
-    if rows is None:
-        raise NoRegistration("no rows were detected, so none can be matched")
-    lines = RowLines.of(rows.reference, pair.reference), RowLines.of(rows.source, pair.source)
-    for found, survey in zip(lines, ("reference", "source"), strict=True):
-        if not len(found.trees):
-            raise NoRegistration(f"the {survey} has no row of two trees that stand apart, so no rows can be matched")
+    rows, reference, source = lines_of(pair)
     evidence = Evidence(pair.reference, pair.source, context.threads)
     frame = frame_of(rows.reference, pair.reference)
-    return Ground(pair, *lines, evidence, frame, _apart(lines[0], frame))
+    return Ground(pair, reference, source, evidence, frame, _apart(reference, frame))
 
 
 def _apart(lines: RowLines, frame: Rigid) -> float:

@@ -12,7 +12,7 @@ from treereg_core.evidence import Evidence
 from treereg_core.features import IntArray
 from treereg_core.method import Context
 from treereg_core.pair import Pair
-from treereg_core.row_laying import Laid, lay
+from treereg_core.row_laying import Laid, lay, start_of
 from treereg_core.row_lines import RowLines
 from treereg_core.screening import screen
 from treereg_core.transform import Affine, FloatArray, Rigid
@@ -74,7 +74,7 @@ def bases(ground: Ground, context: Context) -> tuple[Affine, Affine]:
 
     Raises `NoRegistration` when rows do not meet.
     """
-    start = _start(ground, context)
+    start = start_of(ground.pair.reference_from_source, context.model, ground.source)
     asked, _ = _samples(ground, context)
     points = start(ground.source.smooth)
     centre = points.mean(axis=0)
@@ -168,15 +168,3 @@ def _distinct(places: FloatArray, score: FloatArray, apart: float) -> IntArray:
         if (((places[kept] - places[k]) ** 2).sum(axis=1) > apart**2).all():
             kept.append(k)
     return np.array(kept, dtype=np.int64)
-
-
-def _start(ground: Ground, context: Context) -> Affine:
-    """The pair's placement as one of the kind that is fitted."""
-    start, model = ground.pair.reference_from_source, context.model
-    if isinstance(start, model.kind):
-        return model.kind.from_matrix(start.matrix)
-    points = ground.source.smooth
-    try:
-        return model.fit(points, start(points))
-    except ValueError as error:
-        raise NoRegistration(f"the rows of the source are too few to fix a placement: {error}") from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -287,12 +286,3 @@ def test_a_tree_that_is_not_there_is_refused() -> None:
     features, _ = field(block(2, 5))
     with pytest.raises(ValueError, match="not in its survey"):
         numbered(Rows((np.array([1, 99]),)), features)
-
-
-def test_many_rows_take_little_time() -> None:
-    simulation = simulate(Scene(trees=20_000, curve=20, paths=4), 3)
-    rows = true_rows(simulation).reference
-    assert len(rows) > 400
-    begin = time.perf_counter()
-    numbered(rows, simulation.reference)
-    assert time.perf_counter() - begin < 0.5

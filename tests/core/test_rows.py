@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tests.core.orchards import grid
-from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.method import Context
 from treereg_core.pair import MatchedRows, Pair, Rows
@@ -229,43 +228,6 @@ def test_far_coordinates_change_nothing() -> None:
     assert seen(before).matches == seen(after).matches
     moved_back = far.inverse() @ after.reference_from_source @ far
     np.testing.assert_allclose(moved_back(pair.source.xy), before.reference_from_source(pair.source.xy), atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        (lambda pair: replace(pair, rows=None), "no rows were detected"),
-        (lambda pair: replace(pair, rows=replace(pair.rows, source=Rows(()))), "the source has no row of two trees"),
-        (
-            lambda pair: replace(pair, rows=replace(pair.rows, reference=Rows((np.array([3]), np.array([], int))))),
-            "the reference has no row of two trees",
-        ),
-        (
-            lambda pair: pair.at(Rigid.turn(70.0, about=pair.reference.xy.mean(axis=0)) @ pair.reference_from_source),
-            "cross each other",
-        ),
-        (lambda pair: pair.at(Rigid(np.eye(2), (900.0, 0.0)) @ pair.reference_from_source), "lies on the ground"),
-    ],
-    ids=["no rows", "none in the source", "single trees", "crossing", "elsewhere"],
-)
-def test_what_cannot_be_matched_is_refused(change: object, sentence: str) -> None:
-    assert callable(change)
-    with pytest.raises(NoRegistration, match=sentence):
-        NearestRows().match(change(off(ordinary(), 0.0, 0.0)), CONTEXT)
-
-
-def test_two_trees_are_too_few() -> None:
-    trees = FeatureSet.of([[0.0, 0.0], [0.0, 3.0]])
-    row = Rows((np.array([0, 1]),))
-    with pytest.raises(NoRegistration, match="too few"):
-        NearestRows().match(Pair(trees, trees, rows=MatchedRows(row, row, NO_MATCHES)), CONTEXT)
-
-
-def test_trees_at_one_point_are_no_row() -> None:
-    trees = FeatureSet.of(np.full((6, 2), 7.0))
-    row = Rows((np.arange(6),))
-    with pytest.raises(NoRegistration, match="stand apart"):
-        NearestRows().match(Pair(trees, trees, rows=MatchedRows(row, row, NO_MATCHES)), CONTEXT)
 
 
 def test_one_straight_row_is_enough() -> None:

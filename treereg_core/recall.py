@@ -110,7 +110,10 @@ class Lesson:
         memory, exports, warnings = self.recall.memory, dict[str, str](), list[str]()
         for name, learner in self.plan.learners.items():
             before = self.recall.memory.state(name, self.recall.pair)
-            if before is None or len(set(self.recall.pair)) < 2:
+            if len(set(self.recall.pair)) < 2:
+                progress(f"learn: a survey laid on itself teaches {name} nothing")
+                continue
+            if before is None:
                 progress(f"learn: {name} has learned from these surveys before")
                 continue
             progress(f"learn: {name}")

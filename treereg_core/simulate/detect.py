@@ -23,11 +23,15 @@ HALVES_APART_RADII = 0.85
 
 @dataclass(frozen=True, eq=False)
 class Visit:
-    """One flight over an orchard: what is in view, which trees live (n,), and crown widths over the reference's."""
+    """One flight over an orchard: what is in view, which trees live (n,), and crown widths over the reference's.
+
+    `missed` (n,) is how likely each tree is missed; without it all are as the scene says.
+    """
 
     view: View
     alive: NDArray[np.bool_]
     growth: float
+    missed: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +55,7 @@ class Detections:
 def detect(orchard: Orchard, scene: Scene, visit: Visit, rng: np.random.Generator) -> Detections:
     """All detections of one survey in the orchard's frame, in random order."""
     in_view = visit.alive & visit.view.sees(orchard.xy)
-    found = in_view & (rng.random(len(in_view)) >= scene.missed)
+    found = in_view & (rng.random(len(in_view)) >= (scene.missed if visit.missed is None else visit.missed))
     measured = _measured(orchard, scene, visit.growth, rng)
 
     first = _first_of_merged(orchard, found, scene.merged, rng)

@@ -1,10 +1,11 @@
-"""A simulation as survey folders with their truth, as a drone company would deliver them."""
+"""A simulation as survey folders, as a drone company would deliver them; those of a pair with their truth."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,15 @@ import numpy as np
 from treereg_core.errors import UsageError
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.simulate.canopy import canopies
+from treereg_core.simulate.scene import Scene
+from treereg_core.simulate.series import SeriesSimulation
 from treereg_core.simulate.simulation import Simulation, Trees
 from treereg_core.transform import FloatArray, Rigid
 
 SCHEMA = "treereg/truth/1"
 DECIMALS = 9
+FIRST_YEAR = 2021
+"""The name of the first survey of a series."""
 Origin = tuple[float, float]
 ToDegrees = Callable[[FloatArray], FloatArray]
 
@@ -31,33 +36,61 @@ def write_simulation(
     defaults lie among the orchards of Ceres, South Africa. Each file is complete or absent. Raises `UsageError` when
     the folder cannot be written.
     """
+    surveys = {"reference": simulation.reference, "source": simulation.source}
+    _write_surveys(surveys, simulation.seed, _boundary(simulation.scene, simulation.outline), (folder, crs, origin))
+    with _writing(folder):
+        _write(folder / "truth.json", _object(_truth(simulation, crs, origin)))
+
+
+def write_series(
+    simulation: SeriesSimulation, folder: Path, crs: str = "EPSG:32734", origin: Origin = (343_000.0, 6_306_000.0)
+) -> tuple[Path, ...]:
+    """Write a survey folder for each survey of a series, named by years, and give them in order of time.
+
+    The arguments are those of `write_simulation`.
+    """
+    surveys = {str(FIRST_YEAR + k): capture.features for k, capture in enumerate(simulation.captures)}
+    boundary = _boundary(simulation.scene, simulation.lives.orchard.outline)
+    _write_surveys(surveys, simulation.seed, boundary, (folder, crs, origin))
+    return tuple(folder / name for name in surveys)
+
+
+def _write_surveys(
+    surveys: Mapping[str, FeatureSet], seed: int, boundary: FloatArray, place: tuple[Path, str, Origin]
+) -> None:
+    """A survey folder for each of these, with one boundary; `place` is the folder above, the CRS and the origin."""
     import pyproj
 
+    folder, crs, origin = place
     degrees_from_crs = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
 
     def to_degrees(points: FloatArray) -> FloatArray:
         full = points + np.asarray(origin)
         return np.round(np.stack(degrees_from_crs.transform(full[..., 0], full[..., 1]), axis=-1), DECIMALS)
 
-    boundary = _collection([_feature({}, to_degrees(_boundary(simulation)))])
-    rngs = np.random.default_rng(simulation.seed).spawn(2)
-    surveys = {"reference": simulation.reference, "source": simulation.source}
-    try:
+    outline = _collection([_feature({}, to_degrees(boundary))])
+    rngs = np.random.default_rng(seed).spawn(len(surveys))
+    with _writing(folder):
         for (name, features), rng in zip(surveys.items(), rngs, strict=True):
             (folder / name).mkdir(parents=True, exist_ok=True)
             _write(folder / name / "raw-detections.geojson", _detections(features, to_degrees, rng))
-            _write(folder / name / "boundary.geojson", boundary)
-        _write(folder / "truth.json", _object(_truth(simulation, crs, origin)))
+            _write(folder / name / "boundary.geojson", outline)
+
+
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise UsageError(f"{folder} cannot be written ({error.strerror}); choose another folder.") from error
 
 
-def _boundary(simulation: Simulation) -> FloatArray:
+def _boundary(scene: Scene, outline: FloatArray) -> FloatArray:
     """The outline with half a row's room around it, so that the outermost canopies lie inside: (k, 2) metres."""
     import shapely
 
-    room = max(simulation.scene.row_spacing, simulation.scene.spacing) / 2
-    block = shapely.Polygon(simulation.outline).buffer(room, join_style="mitre", mitre_limit=2).simplify(0.01)
+    room = max(scene.row_spacing, scene.spacing) / 2
+    block = shapely.Polygon(outline).buffer(room, join_style="mitre", mitre_limit=2).simplify(0.01)
     return np.asarray(shapely.get_coordinates(block.normalize().exterior.reverse())[:-1])
 
 

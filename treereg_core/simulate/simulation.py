@@ -131,7 +131,7 @@ def simulate(scene: Scene, seed: int) -> Simulation:
         _, source_view = views(scene, surveyed, elsewhere)
     alive = second.random(len(surveyed.xy)) >= scene.dead
     source = detect(surveyed, surveyed_scene, Visit(source_view, alive, scene.growth), second)
-    misplaced = _misplacement(scene, moving)
+    misplaced = misplacement(scene, moving)
     distorted = _distortion(scene, surveyed.positions, moving)
 
     truth: Rigid | None = misplaced.inverse()
@@ -158,8 +158,8 @@ def simulate(scene: Scene, seed: int) -> Simulation:
     )
 
 
-def _misplacement(scene: Scene, rng: np.random.Generator) -> Rigid:
-    """How the source's coordinates are wrong: a turn about the orchard's centre, then a shift."""
+def misplacement(scene: Scene, rng: np.random.Generator) -> Rigid:
+    """How a source's coordinates are wrong: a turn about the orchard's centre, then a shift."""
     normal, uniform = rng.standard_normal(3), rng.uniform(-180, 180)
     if scene.rotation == "any":
         rotation_deg = uniform

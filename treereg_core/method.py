@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict
 
 from treereg_core.features import FeatureSet, IntArray, frozen_array
 from treereg_core.learning import State
+from treereg_core.network import Network
 from treereg_core.pair import Pair, Rows
 from treereg_core.transform import Affine, FloatArray, Model
 
@@ -83,6 +84,8 @@ class Method(BaseModel, ABC):
     """The role's name, as `treereg methods` prints it."""
     models: ClassVar[frozenset[Model]] = frozenset(Model)
     """The transforms that the method can work with; any other is refused before work begins."""
+    network: ClassVar[Network | None] = None
+    """The structure of the Bayesian network that the method reasons with, for `treereg methods`; None without one."""
 
 
 class FeatureFilter(Method):

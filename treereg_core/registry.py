@@ -24,6 +24,7 @@ from treereg_core import hookspecs
 from treereg_core.errors import InputError, PluginError, TreeregError, UsageError
 from treereg_core.evaluator import Evaluator
 from treereg_core.method import CoarseAligner, FeatureFilter, Method, PointMatcher, RowDetector, RowMatcher
+from treereg_core.network import Network
 from treereg_core.recipe import Recipe
 
 STAGES = (FeatureFilter, RowDetector, RowMatcher, PointMatcher)
@@ -209,6 +210,8 @@ def flaw_of(offer: object, kinds: tuple[type, ...]) -> str | None:
         return f"it does not define {', '.join(sorted(offer.__abstractmethods__))}"
     if not offer.model_config.get("frozen") or offer.model_config.get("extra") != "forbid":
         return "its settings are not frozen or it takes unknown ones"
+    if not isinstance(offer.network, Network | None):
+        return "its network is not a `treereg_core.network.Network`"
     try:
         offer()
     except Exception as error:

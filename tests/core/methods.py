@@ -17,6 +17,7 @@ from treereg_core.method import (
     RowDetector,
     RowMatcher,
 )
+from treereg_core.network import Network, Node
 from treereg_core.pair import Pair, Rows
 from treereg_core.recipe import Recipe
 from treereg_core.registry import Entry, Registry
@@ -96,6 +97,12 @@ class Middle(CoarseAligner):
     """Lays centroid on centroid."""
 
     name = "middle"
+    network = Network(
+        (
+            Node("near", "whether the surveys lie near each other", ("no", "yes"), hidden=True),
+            Node("meet", "how many trees meet " * 10 + "in all", ("few", "many"), ("near",)),
+        )
+    )
     turns: int = Field(1, ge=1, le=4, description="how many quarter turns to propose")
 
     def propose(self, pair: Pair, context: Context) -> tuple[Pair, ...]:

@@ -112,6 +112,7 @@ def test_a_duplicate_method_name_is_refused_naming_both_distributions(site: Site
         (GOOD.replace("    def register", "    def other"), "does not define register"),
         (GOOD.replace("    def register", "    reach: float\n    def register"), "its own defaults"),
         (GOOD.replace("    def register", "    model_config = {'frozen': False}\n    def register"), "not frozen"),
+        (GOOD.replace("    def register", "    network = {'nodes': ()}\n    def register"), "its network is not"),
         (GOOD.replace("treereg_methods", "treereg_evaluators"), "it is not one of Evaluator"),
     ],
 )

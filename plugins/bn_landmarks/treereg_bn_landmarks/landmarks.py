@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from treereg_bn_landmarks import network
 from treereg_bn_landmarks.choice import choose
 from treereg_bn_landmarks.counting import count, tempered
 from treereg_bn_landmarks.evidence import Side, evidence, footprint, sides
 from treereg_bn_landmarks.memory import NAME, Memory
+from treereg_bn_landmarks.network import look_up, none, posterior, xmlbif
+from treereg_bn_landmarks.structure import NETWORK
 from treereg_core.errors import NoRegistration
 from treereg_core.features import IntArray
 from treereg_core.learning import Learner, Outcome, State
@@ -37,6 +38,7 @@ class Landmarks(FeatureFilter, Learner):
 
     name = NAME
     needs_pair = True
+    network = NETWORK
 
     share: float = Field(0.2, gt=0, le=1, description="share of each survey's trees that goes on, the most probable")
 
@@ -62,11 +64,11 @@ class Landmarks(FeatureFilter, Learner):
             both = _as_matched(sides(pair), outcome.matches)
         except NoRegistration:
             return memory.state()
-        learned = network.none()
-        table = network.posterior(memory.counts)
+        learned = none()
+        table = posterior(memory.counts)
         for side, seen in zip(both, _all_evidence(pair, both, memory, home), strict=True):
             counted = seen[side.covered]
-            real, landmark = network.look_up(table, counted).T
+            real, landmark = look_up(table, counted).T
             more = tempered(count(counted, real, landmark), len(counted))
             learned = {node: learned[node] + more[node] for node in learned}
         memory = memory.with_counts(learned)
@@ -78,7 +80,7 @@ class Landmarks(FeatureFilter, Learner):
 
     def export(self, state: State) -> Mapping[str, str]:
         """`bn_landmarks.xml`: the network with what was learned, in the XML Bayesian interchange format."""
-        return {f"{NAME}.xml": network.xmlbif(Memory.of(state).counts)}
+        return {f"{NAME}.xml": xmlbif(Memory.of(state).counts)}
 
 
 def probabilities(pair: Pair, context: Context) -> tuple[FloatArray, FloatArray]:
@@ -91,9 +93,9 @@ def probabilities(pair: Pair, context: Context) -> tuple[FloatArray, FloatArray]
 
 def _probabilities(pair: Pair, both: tuple[Side, Side], context: Context) -> tuple[FloatArray, FloatArray]:
     memory = Memory.of(context.memory.get(NAME, {}))
-    table = network.posterior(memory.counts)
+    table = posterior(memory.counts)
     reference, source = _all_evidence(pair, both, memory, context.home_from_reference)
-    return network.look_up(table, reference)[:, 1], network.look_up(table, source)[:, 1]
+    return look_up(table, reference)[:, 1], look_up(table, source)[:, 1]
 
 
 def evidence_of(pair: Pair, state: State, home_from_reference: Affine | None) -> tuple[IntArray, IntArray]:

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 from treereg_bn_rows.counts import counted
-from treereg_bn_rows.evidence import STATES
 from treereg_bn_rows.lessons import lessons
 from treereg_bn_rows.looks import Look, looks
-from treereg_bn_rows.network import PARENTS, posterior, shape
+from treereg_bn_rows.network import posterior
 from treereg_bn_rows.ranking import ranked
+from treereg_bn_rows.structure import PARENTS, STATES, shape
 
 from treereg_core.detection import RowOptions, carry_out, row_plan
 from treereg_core.features import IntArray
@@ -49,7 +49,7 @@ ROUNDS = 3
 NO_MATCHES = np.empty((0, 2), dtype=np.int64)
 ABOUT = (
     "How often the states of each sign occur among 1000 pairs of rows that are the same, and among 1000 that are not. "
-    "Each table has the states of the sign's parents first (network.PARENTS), then its own (evidence.STATES)."
+    "Each table has the states of the sign's parents first, then its own; see structure.py."
 )
 
 Shown = tuple[list[Look], MatchedRows, IntArray]

@@ -14,9 +14,9 @@ import pytest
 from treereg_bn_rows import BnRows
 from treereg_bn_rows.assignment import in_order
 from treereg_bn_rows.counts import mixed, prior
-from treereg_bn_rows.evidence import STATES
 from treereg_bn_rows.lessons import same_rows
-from treereg_bn_rows.network import PARENTS, network, posterior, shape, xmlbif
+from treereg_bn_rows.network import network, posterior, xmlbif
+from treereg_bn_rows.structure import PARENTS, STATES, shape
 
 from tests.core.orchards import grid
 from treereg_core.errors import InputError

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from treereg_bn_rows.evidence import STATES
-from treereg_bn_rows.network import PARENTS, Tables, shape
+from treereg_bn_rows.network import Tables
+from treereg_bn_rows.structure import PARENTS, STATES, shape
 from treereg_core.errors import InputError
 from treereg_core.features import BoolArray, IntArray
 from treereg_core.learning import State

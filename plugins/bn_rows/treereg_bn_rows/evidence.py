@@ -5,32 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from treereg_bn_rows.profile import Candidates
+from treereg_bn_rows.structure import STATES
 from treereg_core.features import IntArray
 from treereg_core.transform import FloatArray
 
-STATES: dict[str, tuple[str, ...]] = {
-    "offset": ("under_0.1", "under_0.2", "under_0.35", "more"),
-    "direction": ("under_1", "under_3", "under_8", "more"),
-    "begin": ("under_0.7", "under_1.7", "under_4", "more"),
-    "end": ("under_0.7", "under_1.7", "under_4", "more"),
-    "length": ("under_1", "under_2.5", "under_6", "more"),
-    "trees": ("under_0.3", "under_0.8", "under_1.6", "more"),
-    "gaps": ("under_-2", "under_-1", "under_0", "under_1", "more"),
-    "context": ("under_0.2", "under_0.5", "under_0.8", "more", "none"),
-    "field": ("under_-20", "under_0", "under_20", "more"),
-}
-"""The states of each sign; a value below the bound that a state names, and not below the one before, is in it.
-
-- offset: distance between the rows across, in distances from row to row.
-- direction: angle between them, degrees.
-- begin, end: how far apart along they begin and end, in distances from tree to tree, once the source is shifted.
-- length: difference of their lengths, in distances from tree to tree.
-- trees: difference of their numbers of trees, over the root of their sum.
-- gaps: trees that stand opposite a gap of the other row, where both rows run: how many more than usual under other
-  placements, in standard deviations.
-- context: mean probability, by the signs above, that the rows to both sides are the same; none where there are none.
-- field: how much more all rows and trees together say for this placement than for any at another offset: log-odds.
-"""
 BOUNDS = {
     name: np.array([float(state.partition("_")[2]) for state in states if state.startswith("under")])
     for name, states in STATES.items()

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from treereg_bn_rows.evidence import STATES
 from treereg_bn_rows.ranking import Ranked
+from treereg_bn_rows.structure import STATES
 from treereg_core.features import BoolArray, IntArray
 from treereg_core.pair import MatchedRows
 

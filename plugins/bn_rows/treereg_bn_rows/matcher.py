@@ -13,6 +13,7 @@ from treereg_bn_rows.lessons import lessons
 from treereg_bn_rows.looks import looks
 from treereg_bn_rows.network import posterior, xmlbif
 from treereg_bn_rows.ranking import Ranked, ranked
+from treereg_bn_rows.structure import NETWORK
 from treereg_core.errors import NoRegistration
 from treereg_core.learning import Learner, Outcome, State
 from treereg_core.method import Context, RowMatcher
@@ -31,10 +32,7 @@ class BnRows(RowMatcher, Learner):
     For every offset of up to three rows to both sides, and for the half turn of each, the rows of the source are laid
     on those of the reference and slid along. Under each such placement the network says how probable it is that two
     rows are the same, from how far they lie apart, their direction, where they begin and end, their length, their
-    number of trees, trees that stand opposite gaps, the rows beside them, and the field as a whole:
-
-        same -> offset, direction, begin, end, length, trees, gaps, context, field
-        begin -> end    begin, end -> length -> trees -> gaps    field -> context
+    number of trees, trees that stand opposite gaps, the rows beside them, and the field as a whole.
 
     Of all assignments that keep the rows' order it takes the most probable one. The placement that its rows and their
     trees speak for comes first; others that are hardly worse follow, for the judge to choose.
@@ -44,6 +42,8 @@ class BnRows(RowMatcher, Learner):
     """
 
     name = "bn_rows"
+    network = NETWORK
+
     offsets: float = Field(
         3.0,
         ge=0,

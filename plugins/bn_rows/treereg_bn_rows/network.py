@@ -1,4 +1,4 @@
-"""The network: which sign depends on which, its tables, and what it says for every combination of states."""
+"""The network itself: its tables, and what it says for every combination of states."""
 
 from __future__ import annotations
 
@@ -11,40 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from treereg_bn_rows.evidence import STATES
+from treereg_bn_rows.structure import NETWORK, PARENTS, SAME, STATES, shape
 from treereg_core.features import IntArray
 from treereg_core.transform import FloatArray
-
-SAME = ("yes", "no")
-PARENTS: dict[str, tuple[str, ...]] = {
-    "offset": ("same",),
-    "direction": ("same",),
-    "begin": ("same",),
-    "end": ("same", "begin"),
-    "length": ("same", "begin", "end"),
-    "trees": ("same", "length"),
-    "gaps": ("same", "trees"),
-    "field": ("same",),
-    "context": ("same", "field"),
-}
-"""On what each sign depends. Rows that begin and end alike have the same length, whether they are the same or not; and
-rows of one length have as many trees."""
 
 Tables = Mapping[str, FloatArray]
 """Counts or probabilities by sign: (parents' states..., states)."""
 
 
-def shape(name: str) -> tuple[int, ...]:
-    """The shape of a sign's table: the states of its parents, then its own."""
-    return tuple(len(SAME) if parent == "same" else len(STATES[parent]) for parent in (*PARENTS[name], name))
-
-
 def network(tables: Tables) -> Any:
     """The network as a `DiscreteBayesianNetwork` of pgmpy. Pairs are as often the same as not: see `Posterior`."""
     models, factors = _pgmpy("pgmpy.models"), _pgmpy("pgmpy.factors.discrete")
-    states = {"same": list(SAME), **{name: list(values) for name, values in STATES.items()}}
+    states = {node.name: list(node.states) for node in NETWORK.nodes}
     model = models.DiscreteBayesianNetwork([(parent, name) for name in PARENTS for parent in PARENTS[name]])
-    model.add_cpds(factors.TabularCPD("same", 2, [[0.5], [0.5]], state_names={"same": states["same"]}))
+    model.add_cpds(factors.TabularCPD("same", len(SAME), [[0.5], [0.5]], state_names={"same": states["same"]}))
     for name, parents in PARENTS.items():
         counts = np.asarray(tables[name], dtype=np.float64)
         share = counts / counts.sum(axis=-1, keepdims=True)
@@ -96,7 +76,7 @@ def _tabulated(tables: tuple[bytes, ...]) -> Posterior:
     order = ["same", *STATES]
     joint = inference.query(order, show_progress=False)
     values = np.transpose(joint.values, [joint.variables.index(name) for name in order])
-    beside = values.sum(axis=-1)
+    beside = values.sum(axis=order.index("field"))
     return Posterior(*(np.log(table[0]) - np.log(table[1]) for table in (beside.sum(axis=-1), beside, values)))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -71,6 +73,39 @@ def test_the_judge_shows_its_settings(capsys: Output) -> None:
     assert "judge." in capsys.readouterr().out
     assert main(["methods", "judge", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["role"] == "judge"
+
+
+def test_a_network_is_shown_and_none_where_there_is_none(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("treereg_core.cli.methods.installed", lambda: REGISTRY)
+    assert main(["methods", "middle"]) == 0
+    lines = capsys.readouterr().out.partition("\nNetwork")[2].splitlines()[1:]
+    assert lines[:2] == ["  near (hidden)  whether the surveys lie near each other", "                 states: no, yes"]
+    assert lines[2].startswith("  meet           how many trees meet")
+    assert lines[-2:] == ["                 states: few, many", "                 depends on: near"]
+    assert max(map(len, lines)) <= 120
+    assert main(["methods", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["middle"]["network"]["nodes"][1] == {
+        "name": "meet",
+        "about": "how many trees meet " * 10 + "in all",
+        "states": ["few", "many"],
+        "parents": ["near"],
+        "hidden": False,
+    }
+    assert main(["methods", "nearest"]) == 0
+    assert "Network" not in capsys.readouterr().out
+    assert rows["nearest"]["network"] is None
+
+
+@pytest.mark.parametrize(("name", "hidden"), [("bn_rows", "same"), ("bn_landmarks", "landmark")])
+def test_the_networks_of_installed_methods_are_shown_without_running_them(name: str, hidden: str) -> None:
+    code = (
+        f"import sys; from treereg_core.cli import main; main(['methods', '{name}']); sys.exit('pgmpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    shown = done.stdout.partition("\nNetwork")[2]
+    assert f"\n  {hidden} (hidden) " in shown
+    assert max(map(len, shown.splitlines())) <= 120
 
 
 PLUGIN = """

@@ -6,6 +6,7 @@ import inspect
 import json
 import re
 import textwrap
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import typer
@@ -13,6 +14,7 @@ import typer
 from treereg_core.cli.console import Verbose
 from treereg_core.judge import Judge
 from treereg_core.method import Method
+from treereg_core.network import Network
 from treereg_core.recipe import Recipe
 from treereg_core.registry import Entry, installed
 from treereg_core.settings import describe, range_in_words
@@ -25,7 +27,7 @@ def methods(
     as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
     verbose: Verbose = False,
 ) -> None:
-    """List every installed method, recipe and evaluator; with NAME its settings, units, ranges and source paper."""
+    """List every installed method, recipe and evaluator; with NAME its settings, units, ranges, source and network."""
     registry = installed()
     if name is None:
         rows = [as_plain(entry) for entry in registry.entries]
@@ -63,7 +65,8 @@ def as_plain(entry: Entry) -> dict[str, Any]:
     if entry.offer is None:
         return row
     models = [model.value for model in sorted(entry.offer.models, key=lambda model: model.parameters)]
-    return {**row, "source": source_of(entry.offer), "models": models, "settings": describe(entry.offer)}
+    row |= {"source": source_of(entry.offer), "models": models, "settings": describe(entry.offer)}
+    return {**row, "network": asdict(entry.offer.network) if entry.offer.network else None}
 
 
 def judge_row() -> dict[str, Any]:
@@ -99,4 +102,19 @@ def page(offer: type | Recipe | None, row: dict[str, Any]) -> str:
         default = json.dumps(setting.get("default"), ensure_ascii=False)
         parts.append(f"  {row['name']}.{name} = {default}{unit}  ({kind}{'; ' + allowed if allowed else ''})")
         parts += textwrap.wrap(setting.get("description", ""), 110, initial_indent="      ", subsequent_indent="      ")
+    if isinstance(offer, type) and issubclass(offer, Method) and offer.network:
+        parts += ["", "Network, each node after those it depends on:", *drawn(offer.network)]
     return "\n".join(parts)
+
+
+def drawn(network: Network) -> list[str]:
+    """The lines of a network: of each node what it is, its states, and what it depends on."""
+    names = [f"{node.name} (hidden)" if node.hidden else node.name for node in network.nodes]
+    indent = 4 + max(map(len, names))
+    lines = []
+    for name, node in zip(names, network.nodes, strict=True):
+        texts = [node.about, f"states: {', '.join(node.states)}"]
+        texts += [f"depends on: {', '.join(node.parents)}"] if node.parents else []
+        wrapped = [part for text in texts for part in textwrap.wrap(text, 116 - indent, subsequent_indent="  ")]
+        lines += [f"  {name}".ljust(indent) + wrapped[0], *(" " * indent + part for part in wrapped[1:])]
+    return lines

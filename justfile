@@ -49,6 +49,10 @@ speed *arguments:
 startup *arguments:
     uv run python -m benchmarks.startup {{ arguments }}
 
+# Pictures and tables of the Bayesian networks, for docs/networks.md
+networks:
+    uv run python -m benchmarks.networks
+
 # Wheels of the core and of every plugin, in dist/
 build:
     uv build --all-packages

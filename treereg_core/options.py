@@ -14,7 +14,7 @@ from treereg_core.transform import Model
 
 @cache
 def defaults() -> dict[str, str]:
-    """The default `method` and `start`, and `rows`, the method of `treereg rows`; from `defaults.toml`."""
+    """The default `method` and `start`, and those of `treereg rows` and `treereg series`; from `defaults.toml`."""
     return tomllib.loads(Path(__file__).with_name("defaults.toml").read_text(encoding="utf-8"))
 
 

@@ -16,6 +16,7 @@ from treereg_core.cli.console import console
 from treereg_core.cli.methods import methods
 from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
+from treereg_core.cli.series import series
 from treereg_core.cli.simulate import simulate
 from treereg_core.errors import TreeregError
 
@@ -53,6 +54,7 @@ for _command, _words in (
     (methods, "List what is installed, or the settings of one method."),
     (check, "Run the contract's laws on a method or a plugin."),
     (rows, "Find and number the planting rows of one survey."),
+    (series, "Register surveys of one orchard over time, and follow every tree."),
     (simulate, "Make two survey folders whose truth is known."),
 ):
     app.command(short_help=_words)(_command)

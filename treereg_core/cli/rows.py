@@ -11,9 +11,9 @@ import typer
 from treereg_core import io
 from treereg_core.cli.config import Config, tables
 from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.options import DEFAULTS, ConfidenceProperty, Seed, Set, Threads
 from treereg_core.detection import RowOptions, RowPlan, carry_out, row_plan
 from treereg_core.errors import InputError, NoRegistration, UsageError
-from treereg_core.options import defaults
 from treereg_core.pair import Rows
 from treereg_core.registry import installed
 from treereg_core.settings import merge, parse_assignments, record
@@ -25,20 +25,16 @@ DEFAULT_OUT = Path("rows.geojson")
 def rows(
     context: typer.Context,
     survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="Survey folder.")],
-    method: Annotated[
-        str, typer.Option(metavar="EXPR", help="Filters, then a row detector, joined by +.")
-    ] = defaults()["rows"],
+    method: Annotated[str, typer.Option(metavar="EXPR", help="Filters, then a row detector, joined by +.")] = DEFAULTS[
+        "rows"
+    ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The GeoJSON file to write.")] = DEFAULT_OUT,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="One setting; repeatable.")
-    ] = None,
+    set_: Set = None,
     config: Config = None,
-    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="At most this many; default: all processors.")] = None,
-    confidence_property: Annotated[
-        str, typer.Option(metavar="NAME", help="The property that holds the confidence.")
-    ] = "confidence",
+    seed: Seed = 0,
+    threads: Threads = None,
+    confidence_property: ConfidenceProperty = "confidence",
     verbose: Verbose = False,
     quiet: Quiet = False,
 ) -> None:

@@ -13,10 +13,23 @@ from treereg_core.api import execute
 from treereg_core.cli.config import Config, tables
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.cli.demonstration import DEMONSTRATION, made_at, make_orchard, true_error
+from treereg_core.cli.options import (
+    DEFAULTS,
+    ConfidenceProperty,
+    GeoreferenceSd,
+    MaxFailure,
+    Method,
+    ModelName,
+    Out,
+    Overwrite,
+    Seed,
+    Set,
+    Threads,
+)
 from treereg_core.cli.summary import summary
 from treereg_core.errors import UsageError
 from treereg_core.io.output import DEFAULT_OUT
-from treereg_core.options import Options, defaults
+from treereg_core.options import Options
 from treereg_core.outputs import REGISTRATION, write_result
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
@@ -31,31 +44,20 @@ def run(
         Path | None, typer.Argument(metavar="REFERENCE", help="Survey folder that stays where it is.")
     ] = None,
     source: Annotated[Path | None, typer.Argument(metavar="SOURCE", help="Survey folder that is laid over it.")] = None,
-    method: Annotated[str, typer.Option(metavar="EXPR", help="Methods in running order, joined by +.")] = defaults()[
-        "method"
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")] = DEFAULT_OUT,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the files of an earlier run, and no others.")
-    ] = False,
+    method: Method = DEFAULTS["method"],
+    out: Out = DEFAULT_OUT,
+    overwrite: Overwrite = False,
     start: Annotated[
         str,
         typer.Option(
             metavar="NAME|identity|FILE",
             help="A coarse aligner, the files' own georeference, or the transform in a .json file.",
         ),
-    ] = defaults()["start"],
-    georeference_sd: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="How far the files may be off, 1 sd per axis; default: unknown."),
-    ] = None,
-    model: Annotated[str, typer.Option(metavar="rigid|similarity|affine", help="The transform to fit.")] = "rigid",
-    max_failure: Annotated[
-        float, typer.Option(metavar="P", help="Accepted only at a failure probability of at most this.")
-    ] = 0.001,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="STAGE.PARAMETER=VALUE", help="One setting; repeatable.")
-    ] = None,
+    ] = DEFAULTS["start"],
+    georeference_sd: GeoreferenceSd = None,
+    model: ModelName = "rigid",
+    max_failure: MaxFailure = 0.001,
+    set_: Set = None,
     config: Config = None,
     memory: Annotated[
         Path | None,
@@ -65,12 +67,10 @@ def run(
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
-    seed: Annotated[int, typer.Option(help="Everything random derives from it.")] = 0,
-    threads: Annotated[int | None, typer.Option(help="At most this many; default: all processors.")] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print registration.json instead of a summary.")] = False,
-    confidence_property: Annotated[
-        str, typer.Option(metavar="NAME", help="The property that holds the confidence.")
-    ] = "confidence",
+    confidence_property: ConfidenceProperty = "confidence",
     verbose: Verbose = False,
     quiet: Quiet = False,
 ) -> int:

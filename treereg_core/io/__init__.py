@@ -2,7 +2,8 @@
 
 `read_survey` and `read_surveys` read survey folders into one working frame, `read_transform` the transform in a file;
 `write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`;
-`write_rows` writes the rows of one survey. `read_memory` and `write_memory` keep what an orchard's surveys taught.
+`write_rows` writes the rows of one survey, `read_series` reads the surveys of a series, `write_tree_table` and
+`write_tree_points` write its trees. `read_memory` and `write_memory` keep what an orchard's surveys taught.
 """
 
 from treereg_core.io.crs import full_coordinates
@@ -16,8 +17,9 @@ from treereg_core.io.memory import (
     write_memory,
 )
 from treereg_core.io.output import RUN_NAMES, SIMULATION_NAMES, OutputFolder
-from treereg_core.io.reading import read_survey, read_surveys
+from treereg_core.io.reading import read_series, read_survey, read_surveys
 from treereg_core.io.transforms import full_from_frame, read_transform
+from treereg_core.io.trees import write_tree_points, write_tree_table
 from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows
 
 __all__ = [
@@ -33,6 +35,7 @@ __all__ = [
     "is_survey_file",
     "memory_lock",
     "read_memory",
+    "read_series",
     "read_survey",
     "read_surveys",
     "read_transform",
@@ -41,4 +44,6 @@ __all__ = [
     "write_memory",
     "write_registered",
     "write_rows",
+    "write_tree_points",
+    "write_tree_table",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,24 @@ def read_surveys(
         _check_same_place(fixed, moving)
     frame = own_frame(fixed)
     return place(fixed, frame), place(moving, frame)
+
+
+def read_series(folders: Sequence[Path], *, confidence_property: str = "confidence") -> Iterator[Survey | InputError]:
+    """Read survey folders one by one, all into the working frame of the first.
+
+    For one that cannot be used, or lies more than 2 km from the first, its error is given in its stead; that of the
+    first is raised.
+    """
+    first = capture_of(folders[0], confidence_property)
+    frame = own_frame(first)
+    yield place(first, frame)
+    for folder in folders[1:]:
+        try:
+            capture = capture_of(folder, confidence_property)
+            _check_same_place(first, capture)
+            yield place(capture, frame)
+        except InputError as error:
+            yield error
 
 
 def _check_same_place(reference: Capture, source: Capture) -> None:

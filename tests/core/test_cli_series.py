@@ -1,0 +1,235 @@
+"""`treereg series` from the outside: files, states, streams, exit codes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import geopandas
+import numpy as np
+import pandas as pd
+import pytest
+
+from treereg_core import io
+from treereg_core.cli import main
+from treereg_core.errors import UsageError
+from treereg_core.series import Series, register_series
+from treereg_core.simulate import Scene, Seasons, SeriesSimulation, simulate_series, write_series
+
+Output = pytest.CaptureFixture[str]
+CLEAR = Scene(trees=300, jitter=0.1, area_persistence=0.9, shift_sd=4.0, rotation_sd=2.0, dead=0.03)
+COLUMNS = [
+    *("tree", "survey", "feature", "row_index", "tree_index", "state", "area_m2", "height_m", "confidence", "x", "y"),
+    *("probability", "geometry"),
+]
+STATES = {"present", "missing", "new", "replanted", "unseen"}
+
+
+@pytest.fixture(scope="module")
+def orchard() -> SeriesSimulation:
+    return simulate_series(CLEAR, 3, Seasons(surveys=3, seen=0.8))
+
+
+@pytest.fixture(scope="module")
+def folders(orchard: SeriesSimulation, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    return [str(folder) for folder in write_series(orchard, tmp_path_factory.mktemp("series"))]
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A survey of another orchard on the same ground."""
+    other = simulate_series(CLEAR, 99, Seasons(surveys=2))
+    return str(write_series(other, tmp_path_factory.mktemp("other"))[1].rename(tmp_path_factory.mktemp("x") / "other"))
+
+
+@pytest.fixture(scope="module")
+def done(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a series with a method that learns."""
+    out = tmp_path_factory.mktemp("results") / "out"
+    assert main(["series", *folders, "--method", "bn_landmarks+icp", "--out", str(out), "-q"]) == 0
+    return out
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def files(folder: Path) -> set[str]:
+    return {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+
+
+def read(path: Path) -> Any:
+    return json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} in {path}"))
+
+
+def test_a_series_writes_a_folder_for_each_survey_the_trees_and_what_was_learned(done: Path) -> None:
+    registered = {"registration.json", "detections_registered.geojson", "tree_matches.geojson"}
+    assert files(done) == {
+        *("series.json", "trees.parquet", "trees.geojson"),
+        *(f"{survey}/{name}" for survey in ("2022", "2023") for name in registered),
+        *("memory/memory.json", "memory/bn_landmarks.xml", "memory/.lock"),
+    }
+    memory = read(done / "memory" / "memory.json")
+    assert {survey["name"] for survey in memory["surveys"].values()} == {"2021", "2022", "2023"}
+    assert len(memory["methods"]["bn_landmarks"]["pairs"]) == 2
+
+
+def test_the_table_has_a_line_for_each_tree_and_survey(
+    done: Path, folders: list[str], orchard: SeriesSimulation
+) -> None:
+    trees = geopandas.read_parquet(done / "trees.parquet")
+    assert list(trees.columns) == COLUMNS
+    assert trees.crs.to_authority() == ("EPSG", "32734")
+    assert len(trees) == 3 * trees.tree.nunique()
+    assert (trees.groupby("tree").survey.apply(list).map(tuple) == ("2021", "2022", "2023")).all()
+    assert set(trees.state) <= STATES
+    shown = trees.state.isin(["present", "new", "replanted"])
+    assert (shown == trees.feature.notna()).all()
+    assert (shown == trees.area_m2.notna()).all()
+    assert trees.height_m.isna().all()
+    for survey, capture in zip(("2021", "2022", "2023"), orchard.captures, strict=True):
+        feature = trees.feature[(trees.survey == survey) & shown]
+        assert sorted(feature.tolist()) == list(range(len(capture.features)))
+
+
+def test_places_are_in_the_first_surveys_crs(done: Path, folders: list[str]) -> None:
+    trees = geopandas.read_parquet(done / "trees.parquet")
+    first = io.read_survey(Path(folders[0]))
+    mine = trees[(trees.survey == "2021") & trees.feature.notna()].sort_values("feature")
+    assert np.allclose(mine[["x", "y"]], first.features.xy + first.frame.origin, atol=1e-3)
+    assert np.allclose(mine.area_m2, first.features.area, atol=1e-3)
+    assert np.allclose(trees[["x", "y"]], trees.geometry.get_coordinates(), atol=0)
+    other = trees[(trees.survey == "2022") & trees.feature.notna()]
+    home = trees[trees.survey == "2021"].set_index("tree").loc[other.tree]
+    assert np.median(np.hypot(*(other[["x", "y"]].to_numpy() - home[["x", "y"]].to_numpy()).T)) < 0.3
+
+
+def test_the_geojson_says_the_same(done: Path) -> None:
+    table = geopandas.read_parquet(done / "trees.parquet")
+    points = read(done / "trees.geojson")["features"]
+    assert len(points) == len(table)
+    for point, line in zip(points[:50], table.drop(columns="geometry").to_dict("records"), strict=False):
+        assert {name: value for name, value in point["properties"].items() if value is not None} == pytest.approx(
+            {name: value for name, value in line.items() if not pd.isna(value)}
+        )
+    lonlat = np.array([point["geometry"]["coordinates"] for point in points])
+    assert np.abs(lonlat - table.geometry.to_crs("EPSG:4326").get_coordinates().to_numpy()).max() < 2e-9
+
+
+def test_rows_are_counted_from_0_and_run_through_the_trees(done: Path) -> None:
+    trees = geopandas.read_parquet(done / "trees.parquet").drop_duplicates("tree")
+    placed = trees[trees.row_index.notna()]
+    assert len(placed) > 0.9 * (trees.probability >= 0.5).sum()
+    for _, row in placed.groupby("row_index"):
+        assert sorted(row.tree_index.tolist()) == list(range(len(row)))
+    assert sorted(placed.row_index.unique().tolist()) == list(range(placed.row_index.nunique()))
+
+
+def test_states_agree_with_the_truth(done: Path, orchard: SeriesSimulation) -> None:
+    trees = geopandas.read_parquet(done / "trees.parquet")
+    lives = orchard.lives
+    for survey, capture in zip(("2022", "2023"), orchard.captures[1:], strict=True):
+        first = trees[(trees.survey == "2021") & trees.feature.notna()].set_index("tree").feature
+        now = trees[trees.survey == survey].set_index("tree").loc[first.index].state
+        stem = orchard.captures[0].trees[first.to_numpy(dtype=int), 0]
+        outside = (stem >= 0) & ~capture.covered[stem]
+        assert not (now[outside] == "missing").any()
+        dead = (stem >= 0) & capture.covered[stem] & (lives.died[stem] <= int(survey) - 2021)
+        anew = np.isin(lives.spot[stem], lives.spot[capture.alive & (lives.born > 0)])
+        assert now[dead & ~anew].isin(["missing", "unseen"]).mean() > 0.8
+
+
+def test_it_says_what_came_of_each_survey(done: Path, folders: list[str], capsys: Output) -> None:
+    said = read(done / "series.json")
+    assert said["schema"] == "treereg/series/1"
+    assert [survey["verdict"] for survey in said["surveys"]] == ["reference", "accepted", "accepted"]
+    assert main(["series", *folders, "--method", "icp", "--overwrite", "--out", "again"]) == 0
+    stdout, stderr = capsys.readouterr()
+    assert stdout.startswith("2 of 2 surveys registered onto 2021")
+    assert "[2/3] 2022: judge" in stderr
+    assert main(["series", *folders, "--method", "icp", "--out", "json", "--json", "-q"]) == 0
+    stdout, stderr = capsys.readouterr()
+    assert stdout == Path("json/series.json").read_text()
+    assert stderr == ""
+
+
+def test_threads_change_nothing(folders: list[str]) -> None:
+    for threads in ("1", "2"):
+        arguments = ["series", *folders, "--method", "bn_landmarks+icp", "--threads", threads, "--out", threads, "-q"]
+        assert main(arguments) == 0
+    for name in ("trees.parquet", "trees.geojson", "series.json", "memory/memory.json"):
+        assert Path("1", name).read_bytes() == Path("2", name).read_bytes()
+
+
+@pytest.mark.parametrize("bad", ["other", "broken"])
+def test_one_survey_that_fails_stops_nothing(folders: list[str], elsewhere: str, bad: str, capsys: Output) -> None:
+    survey = elsewhere
+    if bad == "broken":
+        Path("broken").mkdir()
+        Path("broken/raw-detections.geojson").write_text('{"type": "FeatureCollection", "fea')
+        survey = "broken"
+    assert main(["series", folders[0], survey, folders[2], "--method", "icp", "--out", "out", "-q"]) == 3
+    stdout, stderr = capsys.readouterr()
+    assert stdout.startswith("1 of 2 surveys registered onto 2021")
+    assert stderr.count("\n") == 1
+    assert f"warning: {Path(survey).name} adds no trees" in stderr
+    trees = geopandas.read_parquet("out/trees.parquet")
+    assert set(trees.survey) == {"2021", "2023"}
+    verdicts = [survey["verdict"] for survey in read(Path("out/series.json"))["surveys"]]
+    assert verdicts[::2] == ["reference", "accepted"]
+    assert verdicts[1] in ({"unreadable"} if bad == "broken" else {"failed", "ambiguous"})
+    assert Path("out", Path(survey).name, "registration.json").exists() == (bad == "other")
+    assert not Path("out", Path(survey).name, "detections_registered.geojson").exists()
+
+
+def test_the_first_survey_has_to_be_right(folders: list[str], capsys: Output) -> None:
+    Path("broken").mkdir()
+    Path("broken/raw-detections.geojson").write_text("no")
+    assert main(["series", "broken", *folders, "--method", "icp", "--out", "out"]) == 2
+    assert "broken/raw-detections.geojson" in capsys.readouterr().err.splitlines()[-1]
+    assert not Path("out").exists()
+
+
+def test_wrong_arguments_are_refused_before_work(folders: list[str], tmp_path: Path, capsys: Output) -> None:
+    shutil.copytree(folders[1], "twin/2021")
+    shutil.copytree(folders[1], "memory")
+    for arguments, word in (
+        (folders[:1], "two surveys or more"),
+        ([folders[0], "nowhere"], "nowhere is not a folder"),
+        ([folders[0], "twin/2021"], "have the same name"),
+        ([folders[0], "memory"], "rename it"),
+        ([*folders, "--start", "start.json"], "no start for several surveys"),
+        ([*folders, "--method", "icq"], "icp"),
+        ([*folders, "--model", "bent"], "rigid"),
+        ([*folders, "--out", str(Path(folders[0]).parent)], "input folder"),
+    ):
+        assert main(["series", *arguments]) == 2
+        (sentence,) = capsys.readouterr().err.splitlines()
+        assert word in sentence
+    assert not Path("treereg-out").exists()
+
+
+def test_overwrite_removes_what_an_earlier_series_left_and_nothing_else(folders: list[str]) -> None:
+    assert main(["series", *folders, "--method", "bn_landmarks+icp", "--out", "out", "-q"]) == 0
+    for mine in ("out/notes.txt", "out/2023/notes.txt", "out/memory/notes.txt"):
+        Path(mine).write_text("mine")
+    assert main(["series", *folders[:2], "--method", "icp", "--out", "out", "-q"]) == 2
+    assert main(["series", *folders[:2], "--method", "icp", "--out", "out", "-q", "--overwrite"]) == 0
+    left = files(Path("out"))
+    assert {name for name in left if name.startswith("2023/")} == {"2023/notes.txt"}
+    assert {"notes.txt", "memory/notes.txt", "memory/memory.json"} <= left
+    assert "memory/bn_landmarks.xml" not in left
+
+
+def test_the_same_from_python(done: Path, folders: list[str]) -> None:
+    series = register_series(folders, memory="memory", method="bn_landmarks+icp")
+    assert isinstance(series, Series)
+    assert [member.word for member in series.members] == ["reference", "accepted", "accepted"]
+    table = geopandas.read_parquet(done / "trees.parquet")
+    assert series.history.state.size == len(table)
+    assert Path("memory/memory.json").read_bytes() == (done / "memory" / "memory.json").read_bytes()
+    with pytest.raises(UsageError, match="two surveys"):
+        register_series(folders[:1], memory="memory")

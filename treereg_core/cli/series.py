@@ -1,0 +1,128 @@
+"""`treereg series`: register the surveys of one orchard onto the first, and follow every tree through them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from treereg_core import io
+from treereg_core.cli.config import Config, tables
+from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.options import (
+    DEFAULTS,
+    ConfidenceProperty,
+    GeoreferenceSd,
+    MaxFailure,
+    Method,
+    ModelName,
+    Out,
+    Overwrite,
+    Seed,
+    Set,
+    Threads,
+)
+from treereg_core.cli.run import settle
+from treereg_core.errors import UsageError
+from treereg_core.io.output import DEFAULT_OUT
+from treereg_core.series.files import (
+    FILES,
+    MEMORY,
+    RESERVED,
+    SERIES,
+    counted,
+    names_of_earlier,
+    write_series,
+)
+from treereg_core.series.history import State
+from treereg_core.series.registering import Member, Series, carry_out, check_folders
+from treereg_core.settings import merge, parse_assignments
+
+
+def series(
+    context: typer.Context,
+    surveys: Annotated[
+        list[Path],
+        typer.Argument(metavar="SURVEY...", help="Survey folders in the order of time."),
+    ],
+    method: Method = DEFAULTS["series"],
+    out: Out = DEFAULT_OUT,
+    overwrite: Overwrite = False,
+    start: Annotated[
+        str, typer.Option(metavar="NAME|identity", help="A coarse aligner, or the files' own georeference.")
+    ] = DEFAULTS["start"],
+    georeference_sd: GeoreferenceSd = None,
+    model: ModelName = "rigid",
+    max_failure: MaxFailure = 0.001,
+    set_: Set = None,
+    config: Config = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print series.json instead of a summary.")] = False,
+    confidence_property: ConfidenceProperty = "confidence",
+    verbose: Verbose = False,
+    quiet: Quiet = False,
+) -> int:
+    """Register the surveys of one orchard onto the first of them, and follow every tree through time."""
+    check_folders(surveys)
+    taken = next((folder for folder in surveys if folder.absolute().name in RESERVED), None)
+    if taken is not None:
+        raise UsageError(f"{taken} has a name that a file of the results has; rename it.")
+    if start.endswith(".json"):
+        raise UsageError(f"--start {start}: one transform is no start for several surveys; give a coarse aligner.")
+    given = {
+        "method": method,
+        "start": start,
+        "georeference_sd": georeference_sd,
+        "model": model,
+        "max_failure": max_failure,
+        "settings": merge(tables(context), parse_assignments(set_ or ())),
+        "seed": seed,
+        "threads": threads,
+    }
+    plan = settle(given, config)
+
+    with io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier(out)) as folder:
+        remembering = replace(plan, options=plan.options.model_copy(update={"memory": folder / MEMORY}))
+        found = carry_out(remembering, surveys, confidence_property, console.progress, tell)
+        write_series(found, folder)
+        text = (folder / SERIES).read_text(encoding="utf-8")
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        print(summary(found, out))
+    return 0 if len(found.accepted) == len(found.members) else 3
+
+
+def tell(member: Member) -> None:
+    """What a user should know of a survey as soon as it is done."""
+    for found in (member.survey, member.result):
+        for warning in found.warnings if found else ():
+            console.warn(warning)
+    if member.transform is None:
+        reason = member.result.judgement.reason if member.result else member.problem
+        console.warn(f"{member.name} adds no trees ({member.word}): {reason}")
+
+
+def summary(found: Series, out: Path) -> str:
+    """What came of each survey, the states of its probable trees, and where the files are."""
+    counts, states = counted(found), [state.word for state in State]
+    lines = [["survey", "verdict", *states, "expected error"]]
+    for member in found.members:
+        of = counts.get(member.name)
+        said = member.result.judgement.expected_error if member.result and of else None
+        numbers = [str(of[state]) if of else "" for state in states]
+        lines.append([member.name, member.word, *numbers, f"{said.rms:.3f} m" if said else ""])
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    aligned = (
+        [text.ljust(width) if column < 2 else text.rjust(width) for column, (text, width) in enumerate(cells)]
+        for cells in (zip(line, widths, strict=True) for line in lines)
+    )
+    registered = (
+        f"{len(found.accepted) - 1} of {len(found.members) - 1} surveys registered onto {found.members[0].name}"
+    )
+    trees = f"{int(found.history.probable.sum())} trees in {found.places.rows} rows"
+    files = ", ".join(str(out / name) for name in FILES)
+    return "\n".join([registered, *("  " + "  ".join(line).rstrip() for line in aligned), trees, f"  files  {files}"])

@@ -1,0 +1,99 @@
+"""The files of a series: series.json, the trees, and a folder for each survey with its registration."""
+
+from __future__ import annotations
+
+import glob
+import json
+from collections import Counter
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from treereg_core import io
+from treereg_core.outputs import RUN_FILES, write_result
+from treereg_core.series.history import State
+from treereg_core.series.registering import Member, Series
+from treereg_core.series.table import table
+
+SCHEMA = "treereg/series/1"
+SERIES = "series.json"
+PARQUET, GEOJSON = "trees.parquet", "trees.geojson"
+MEMORY = "memory"
+"""The folder of what each survey taught the next."""
+FILES = (SERIES, PARQUET, GEOJSON)
+RESERVED = (*FILES, MEMORY)
+"""Names that no survey's folder may have."""
+
+
+def names_of_earlier(folder: Path) -> tuple[str, ...]:
+    """The files that an earlier series left in a folder, as patterns: those that its series.json tells of."""
+    try:
+        document = json.loads((folder / SERIES).read_text(encoding="utf-8"))
+        surveys = [str(survey["name"]) for survey in document["surveys"]] if document["schema"] == SCHEMA else []
+        memory = [str(name) for name in document["memory"]] if surveys else []
+    except (OSError, ValueError, LookupError, TypeError):
+        surveys, memory = [], []
+    inside = [(MEMORY, name) for name in memory] + [(survey, name) for survey in surveys for name in RUN_FILES]
+    plain = [pair for pair in inside if all(Path(part).name == part for part in pair)]
+    return (SERIES, PARQUET, GEOJSON, *("/".join(map(glob.escape, pair)) for pair in plain))
+
+
+def write_series(series: Series, folder: Path) -> None:
+    """Write everything into a folder that holds nothing but the memory; `InputError` when it cannot be written."""
+    for member in series.members:
+        if member.result is not None:
+            (folder / member.name).mkdir()
+            write_result(member.result, folder / member.name)
+    columns = table(series)
+    io.write_tree_table(columns, series.frame.crs, folder / PARQUET)
+    io.write_tree_points(columns, series.frame.crs, folder / GEOJSON)
+    taught = sorted(file.name for file in (folder / MEMORY).glob("*")) if (folder / MEMORY).is_dir() else []
+    io.write_json(folder / SERIES, {**series_json(series), "memory": taught})
+
+
+def series_json(series: Series) -> dict[str, Any]:
+    """The content of series.json: what came of each survey, plain values, every number finite."""
+    counts = counted(series)
+    plan = series.plan
+    return {
+        "schema": SCHEMA,
+        "method": plan.options.method,
+        "settings": plan.settings,
+        "start": plan.options.start,
+        "seed": plan.options.seed,
+        "version": metadata.version("treereg"),
+        "plugins": plan.plugins,
+        "crs": series.frame.crs,
+        "surveys": [member_json(member, counts.get(member.name)) for member in series.members],
+        "trees": len(series.history.probability),
+        "probable_trees": int(series.history.probable.sum()),
+        "rows": series.places.rows,
+    }
+
+
+def member_json(member: Member, counts: dict[str, int] | None) -> dict[str, Any]:
+    """One survey: its verdict, how far to trust it, and how many probable trees are in each state."""
+    said = member.result.judgement if member.result else None
+    return {
+        "name": member.name,
+        "path": str(member.folder),
+        "verdict": member.word,
+        "reason": said.reason if said else member.problem or "the survey that the others are registered onto",
+        "expected_error_m": said.expected_error.rms if said and said.expected_error else None,
+        "failure_probability": said.failure_probability if said else None,
+        "states": counts,
+    }
+
+
+def counted(series: Series) -> dict[str, dict[str, int]]:
+    """For each accepted survey how many probable trees are in each state; missing are those that stood there before."""
+    history = series.history
+    stood = np.cumsum(history.seen, axis=1) > 0
+    found = {}
+    for s, member in enumerate(series.accepted):
+        states = history.state[history.probable & ((history.state[:, s] != State.MISSING) | stood[:, s]), s]
+        count = Counter(states.tolist())
+        found[member.name] = {state.word: count[state] for state in State}
+    return found

@@ -1,0 +1,60 @@
+"""Laid: one survey of a series, laid on the first one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from treereg_core.features import FeatureSet, IntArray
+from treereg_core.footprint import Footprint
+from treereg_core.transform import Affine, FloatArray
+
+CLASSES = 5
+"""Classes of confidence, by rank within the survey."""
+REACH = 2.5
+"""A survey's ground is closed over so many spacings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """One survey laid on the first one; arrays have an entry for each tree, in the survey's order.
+
+    `xy` (n, 2): where they stand there, metres; `log_area` (n,): natural logarithm of the crown over the survey's
+    median; `confidence` (n,); `ground`: what the survey covers there.
+    """
+
+    xy: FloatArray
+    log_area: FloatArray
+    confidence: FloatArray
+    ground: Footprint
+
+    @classmethod
+    def of(cls, features: FeatureSet, first_from_survey: Affine) -> Laid:
+        """A survey's trees under the transform that takes it to the first one."""
+        xy = first_from_survey(features.xy)
+        log_area = np.log(features.area)
+        ground = Footprint.of(xy, REACH * max(features.spacing * first_from_survey.scale, 1e-3))
+        return cls(xy, log_area - np.median(log_area), features.confidence, ground)
+
+    @cached_property
+    def classes(self) -> IntArray:
+        """The class of confidence of each tree (n,)."""
+        rank = np.argsort(np.argsort(self.confidence, kind="stable"), kind="stable")
+        return np.asarray(rank * CLASSES // max(len(rank), 1))
+
+    @property
+    def ground_m2(self) -> float:
+        """The area that it covers, square metres."""
+        return float(np.count_nonzero(self.ground.mask)) * self.ground.cell**2
+
+    def log_strangers(self, tree: FloatArray) -> FloatArray:
+        """For each detection (n,) how dense those are that show no tree but are as confident, logarithm.
+
+        Strangers of its class of confidence to a square metre, over the share of trees that are in that class; `tree`
+        (n,) is the probability that a detection shows a tree.
+        """
+        trees, strangers = (np.bincount(self.classes, weight, CLASSES) + 1 for weight in (tree, 1 - tree))
+        by_class = np.log(strangers / self.ground_m2) - np.log(trees / trees.sum())
+        return np.asarray(by_class[self.classes])

@@ -1,0 +1,159 @@
+"""Registering a series: each survey onto the first, in the order of time, learning from each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from treereg_core import io
+from treereg_core.api import execute
+from treereg_core.errors import InputError, UsageError
+from treereg_core.features import FeatureSet
+from treereg_core.method import silent
+from treereg_core.options import Options
+from treereg_core.pipeline import Clock
+from treereg_core.plan import Plan, plan_for
+from treereg_core.registry import installed
+from treereg_core.result import Result
+from treereg_core.series.history import History
+from treereg_core.series.laid import Laid
+from treereg_core.series.places import Places
+from treereg_core.settings import record
+from treereg_core.survey import Frame, Survey
+from treereg_core.transform import Affine, Rigid
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One survey of a series and what came of it.
+
+    `survey` is None for one that cannot be read, and `problem` the sentence that says why. `result` is its registration
+    onto the first survey; None for that one.
+    """
+
+    folder: Path
+    survey: Survey | None = None
+    result: Result | None = None
+    problem: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name of its folder."""
+        return self.folder.absolute().name
+
+    @property
+    def transform(self) -> Affine | None:
+        """Takes its working coordinates to the first survey's; None unless it was accepted."""
+        if self.result is None:
+            return None if self.survey is None else Rigid.identity()
+        return self.result.transform if self.result.accepted else None
+
+    @property
+    def word(self) -> str:
+        """`reference`, the verdict, or `unreadable`."""
+        if self.survey is None:
+            return "unreadable"
+        return self.result.judgement.verdict.value if self.result else "reference"
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A series of surveys, registered onto the first, and its trees.
+
+    - `members`: the surveys in the order given.
+    - `history`: the trees over those of them that were accepted, the first included; `places`: their rows.
+    """
+
+    plan: Plan
+    members: tuple[Member, ...]
+    history: History
+    places: Places
+
+    @property
+    def accepted(self) -> tuple[Member, ...]:
+        """The first survey, and those that were accepted: the surveys of the history."""
+        return tuple(member for member in self.members if member.transform is not None)
+
+    @property
+    def frame(self) -> Frame:
+        """The working frame of the first survey, which all places are told in."""
+        first = self.members[0].survey
+        assert first is not None
+        return first.frame
+
+
+def register_series(
+    surveys: Sequence[str | Path],
+    *,
+    memory: str | Path,
+    method: str | None = None,
+    settings: dict[str, dict[str, object]] | None = None,
+    seed: int = 0,
+) -> Series:
+    """Register survey folders, in the order of time, onto the first: the same as `treereg series`, as an object.
+
+    `memory` is a new or empty folder for what each teaches the next; it is the only thing that is written. `method`
+    defaults to the best measured for series. Raises `InputError` when the first survey cannot be used, `UsageError` for
+    options that cannot be; another survey that cannot be used is a member that says so.
+    """
+    folders = [Path(survey) for survey in surveys]
+    check_folders(folders)
+    given = {"method": method, "settings": settings, "memory": memory, "seed": seed}
+    options = record(Options, {name: value for name, value in given.items() if value is not None}, str)
+    return carry_out(plan_for(options, installed()), folders)
+
+
+def check_folders(folders: Sequence[Path]) -> None:
+    """Raise `UsageError` unless these are two folders or more, of different names."""
+    if len(folders) < 2:
+        raise UsageError("a series is of two surveys or more; give their folders in the order of time.")
+    for k, folder in enumerate(folders):
+        if not folder.is_dir():
+            raise UsageError(f"{folder} is not a folder; give survey folders in the order of time.")
+        twin = next((other for other in folders[:k] if other.absolute().name == folder.absolute().name), None)
+        if twin is not None:
+            raise UsageError(f"{twin} and {folder} have the same name, which tells surveys apart; rename one of them.")
+
+
+def carry_out(
+    plan: Plan,
+    folders: Sequence[Path],
+    confidence_property: str = "confidence",
+    progress: Callable[[str], None] = silent,
+    done: Callable[[Member], None] = lambda member: None,
+) -> Series:
+    """Carry out a plan on every survey; `done` is told of each member as it is finished."""
+    members: list[Member] = []
+
+    def said(text: str) -> None:
+        progress(f"[{len(members) + 1}/{len(folders)}] {folders[len(members)].name}: {text}")
+
+    for folder, read in zip(folders, io.read_series(folders, confidence_property=confidence_property), strict=True):
+        said("read")
+        members.append(_member(plan, folder, read, members[0] if members else None, said))
+        done(members[-1])
+    progress("trees")
+    accepted = [member for member in members if member.transform is not None]
+    laid = [Laid.of(_trees(member), member.transform) for member in accepted if member.transform is not None]
+    history = History.of(laid, _trees(members[0]).spacing)
+    return Series(plan, tuple(members), history, Places.of(history, plan, progress))
+
+
+def _member(
+    plan: Plan, folder: Path, read: Survey | InputError, first: Member | None, progress: Callable[[str], None]
+) -> Member:
+    """What comes of one survey."""
+    if isinstance(read, InputError):
+        return Member(folder, problem=str(read))
+    if first is None or first.survey is None:
+        return Member(folder, read)
+    try:
+        return Member(folder, read, execute(plan, (first.survey, read), Clock(), progress))
+    except InputError as error:
+        return Member(folder, problem=str(error))
+
+
+def _trees(member: Member) -> FeatureSet:
+    assert member.survey is not None
+    return member.survey.features

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.footprint import Footprint
@@ -13,6 +14,8 @@ from treereg_core.transform import Affine, FloatArray
 
 CLASSES = 5
 """Classes of confidence, by rank within the survey."""
+AROUND = 20
+"""So many trees are around a tree."""
 REACH = 2.5
 """A survey's ground is closed over so many spacings."""
 
@@ -43,6 +46,16 @@ class Laid:
         """The class of confidence of each tree (n,)."""
         rank = np.argsort(np.argsort(self.confidence, kind="stable"), kind="stable")
         return np.asarray(rank * CLASSES // max(len(rank), 1))
+
+    @cached_property
+    def around(self) -> IntArray:
+        """The trees nearest to each tree (n, k), itself left aside."""
+        count = min(AROUND + 1, len(self.xy))
+        tree = cKDTree(self.xy)
+        near = np.empty((len(self.xy), count), dtype=np.int64)
+        # asked in the order of space, which is much faster
+        near[tree.indices] = tree.query(self.xy[tree.indices], k=count)[1].reshape(-1, count)
+        return near[:, 1:]
 
     @property
     def ground_m2(self) -> float:

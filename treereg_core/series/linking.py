@@ -24,8 +24,6 @@ GATE = 0.45
 """Farther from a tree than this share of the spacing nothing is that tree."""
 RIVALS = 3
 """So many trees are looked at for each detection."""
-AROUND = 16
-"""So many linked trees around a detection say how far the survey is off there, as a bent map is."""
 LEAST_SIGMA = 0.02
 """Metres; no detector places a tree better."""
 LEAST_SPREAD = 0.05
@@ -34,8 +32,8 @@ LEAST_LIKE, MOST_LIKE = -2.5, 2.0
 """The least and the most that the sizes of two crowns say, log-likelihood: a tree that replaces a dead one is small."""
 SURE = 1.0
 """The least log-odds of a link: a wrong link harms more than one that is left out."""
-FEWEST = 10
-"""Fewer links say nothing about a survey."""
+FEWEST = 8
+"""Fewer links say nothing about a survey, nor about how far it is off at a place, as a bent map is."""
 OFTEN = 3
 """Trees that so many surveys or more show are found equally often."""
 ROUNDS, PASSES = 4, 3
@@ -198,15 +196,13 @@ def _first(values: IntArray) -> BoolArray:
 
 
 def _common_offset(survey: Laid, known: _Known, assigned: IntArray) -> FloatArray:
-    """How far the linked trees around each detection stand from it on average (n, 2) metres, itself left aside."""
-    linked = np.flatnonzero(assigned >= 0)
-    if len(linked) <= AROUND:
-        return np.zeros_like(survey.xy)
-    residual = known.xy[assigned[linked]] - survey.xy[linked]
-    _, near = nearest(cKDTree(survey.xy[linked]), survey.xy, np.inf, AROUND + 1)
-    other = linked[near] != np.arange(len(survey.xy))[:, None]
-    weight = other / other.sum(axis=1, keepdims=True)
-    return np.asarray((residual[near] * weight[..., None]).sum(axis=1))
+    """How far the linked trees around each detection stand from it on average (n, 2) metres; 0 where there are few."""
+    linked = assigned >= 0
+    residual = np.zeros_like(survey.xy)
+    residual[linked] = known.xy[assigned[linked]] - survey.xy[linked]
+    count = linked[survey.around].sum(axis=1)
+    mean = residual[survey.around].sum(axis=1) / np.maximum(count, 1)[:, None]
+    return np.where((count >= FEWEST)[:, None], mean, 0.0)
 
 
 def _from_zero(numbers: Sequence[IntArray]) -> list[IntArray]:

@@ -41,6 +41,10 @@ methods +files:
 rows *arguments:
     uv run python -m benchmarks.rows {{ arguments }}
 
+# Trees through a series of surveys against the truth: `just series --seeds 20`
+series *arguments:
+    uv run python -m benchmarks.series {{ arguments }}
+
 # Seconds and memory over sizes of orchards
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}

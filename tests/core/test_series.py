@@ -52,6 +52,7 @@ def test_surveys_of_the_same_trees_are_linked_tree_by_tree() -> None:
 def test_one_survey_alone_is_all_present() -> None:
     found = history(seen(planted(), 1))
     assert (found.state == State.PRESENT).all()
+    assert found.probable.all()
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-6e6, 6e6), st.floats(-180, 180))

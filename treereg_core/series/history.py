@@ -143,11 +143,13 @@ def _next_seen(values: FloatArray, s: int) -> FloatArray:
 def _probability(surveys: Sequence[Laid], detection: IntArray, covered: BoolArray, chance_m2: float) -> FloatArray:
     """The probability (t,) that detections show a tree, by when it was seen and missed and how sure the detector was.
 
-    Against it stand strangers, of which several would have to lie within `chance_m2` of each other by chance. How often
+    One survey alone has the last word. Against a tree stand strangers, of which several would have to lie within `chance_m2` of each other by chance. How often
     trees are found, and how dense strangers are, follows from the probabilities (expectation maximisation).
     """
     seen = detection >= 0
     times = seen.sum(axis=1)
+    if len(surveys) == 1:
+        return np.ones(len(seen))
     ground_m2 = max(survey.ground_m2 for survey in surveys)
     probability = (times > 1).astype(np.float64)
     for _ in range(REFINED):

@@ -24,13 +24,15 @@ GATE = 0.45
 """Farther from a tree than this share of the spacing nothing is that tree."""
 RIVALS = 3
 """So many trees are looked at for each detection."""
+STRAY, STRAY_FACTOR = 0.1, 3.0
+"""This share of the detections of a tree stray so much farther than the others: crowns that were outlined differently."""
 LEAST_SIGMA = 0.02
 """Metres; no detector places a tree better."""
 LEAST_SPREAD = 0.05
 """Of the natural logarithm of two crowns of one tree; no detector measures a crown better."""
 LEAST_LIKE, MOST_LIKE = -2.5, 2.0
 """The least and the most that the sizes of two crowns say, log-likelihood: a tree that replaces a dead one is small."""
-SURE = 1.0
+SURE = 1.5
 """The least log-odds of a link: a wrong link harms more than one that is left out."""
 FEWEST = 8
 """Fewer links say nothing about a survey, nor about how far it is off at a place, as a bent map is."""
@@ -148,7 +150,10 @@ def _log_odds(pairs: _Pairs, assigned: IntArray, offset: FloatArray) -> FloatArr
     # the median square of two normal residuals is 1.386 variances
     one = max(float(np.median(square / (1 + 1 / known.seen[at]))) / 1.386, LEAST_SIGMA**2)
     variance = one * (1 + 1 / known.seen[pairs.tree])
-    place = -pairs.square / (2 * variance) - np.log(2 * np.pi * variance)
+    place = np.logaddexp(
+        _log_density(pairs.square, variance) + np.log(1 - STRAY),
+        _log_density(pairs.square, STRAY_FACTOR**2 * variance) + np.log(STRAY),
+    )
 
     often, found = np.minimum(known.seen, OFTEN), np.bincount(at, minlength=len(known.xy)) > 0
     covered = survey.ground.covers(known.xy)
@@ -157,6 +162,11 @@ def _log_odds(pairs: _Pairs, assigned: IntArray, offset: FloatArray) -> FloatArr
 
     strange = survey.log_strangers((assigned >= 0).astype(np.float64))[pairs.detection]
     return np.asarray(expected + place + _likeness(pairs, assigned) - strange)
+
+
+def _log_density(square: FloatArray, variance: FloatArray) -> FloatArray:
+    """Of a normal distribution in the plane, at these squares of the distance (k,)."""
+    return np.asarray(-square / (2 * variance) - np.log(2 * np.pi * variance))
 
 
 def _likeness(pairs: _Pairs, assigned: IntArray) -> FloatArray:

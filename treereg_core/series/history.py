@@ -143,8 +143,9 @@ def _next_seen(values: FloatArray, s: int) -> FloatArray:
 def _probability(surveys: Sequence[Laid], detection: IntArray, covered: BoolArray, chance_m2: float) -> FloatArray:
     """The probability (t,) that detections show a tree, by when it was seen and missed and how sure the detector was.
 
-    One survey alone has the last word. Against a tree stand strangers, of which several would have to lie within `chance_m2` of each other by chance. How often
-    trees are found, and how dense strangers are, follows from the probabilities (expectation maximisation).
+    Against a tree stand strangers, of which several would have to lie within `chance_m2` of each other by chance. How
+    often trees are found, and how dense strangers are, follows from the probabilities (expectation maximisation). One
+    survey alone is believed.
     """
     seen = detection >= 0
     times = seen.sum(axis=1)

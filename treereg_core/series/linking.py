@@ -25,7 +25,7 @@ GATE = 0.45
 RIVALS = 3
 """So many trees are looked at for each detection."""
 STRAY, STRAY_FACTOR = 0.1, 3.0
-"""This share of the detections of a tree stray so much farther than the others: crowns that were outlined differently."""
+"""This share of a tree's detections stray so much farther than the others: crowns that were outlined differently."""
 LEAST_SIGMA = 0.02
 """Metres; no detector places a tree better."""
 LEAST_SPREAD = 0.05

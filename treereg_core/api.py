@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from treereg_core import io
+from treereg_core.description import describe
 from treereg_core.errors import NoRegistration, UsageError
 from treereg_core.features import FeatureSet
-from treereg_core.judgement import Verdict
 from treereg_core.method import Context, silent
 from treereg_core.options import Options
 from treereg_core.pair import Pair
@@ -89,8 +89,8 @@ def execute(
 ) -> Result:
     """Carry out a plan: the starts, the stages from each, and the judge over all that comes out.
 
-    Where the plan has a memory, the stages know it, and an accepted registration is learned from. `InputError` for the
-    memory of another orchard.
+    Where the plan has a memory, the stages know it, and an accepted registration is learned from. The filters say what
+    they know of all trees at the placement that is found. `InputError` for the memory of another orchard.
     """
     options = plan.options
     threads = min(options.threads, os.cpu_count() or 1)
@@ -107,13 +107,16 @@ def execute(
     progress("judge")
     with clock("judge"):
         judgement = plan.judge.judge(pair, [c.registration for c in candidates], context, options.max_failure)
-    warnings: tuple[str, ...] = ()
-    if recall and judgement.verdict is Verdict.ACCEPTED and judgement.transform is not None:
-        rows = next((c.rows for c in candidates if c.registration.transform == judgement.transform), None)
-        placed = replace(pair, reference_from_source=judgement.transform, rows=rows)
+    result = Result(plan, surveys[0], surveys[1], judgement, dict(clock.seconds))
+    if judgement.transform is None:
+        return result
+    rows = next((c.rows for c in candidates if c.registration.transform == judgement.transform), None)
+    placed = replace(pair, reference_from_source=judgement.transform, rows=rows)
+    described, warnings = describe(plan.pipeline.stages, placed, context, clock)
+    if recall and result.accepted:
         with clock("learn"):
-            warnings = recall.learn(plan, placed, judgement.matches.pairs, progress)
-    return Result(plan, surveys[0], surveys[1], judgement, dict(clock.seconds), warnings)
+            warnings += recall.learn(plan, placed, judgement.matches.pairs, progress)
+    return replace(result, timings=dict(clock.seconds), warnings=warnings, described=described)
 
 
 def starts(plan: Plan, pair: Pair, reference: Survey | FeatureSet, context: Context) -> tuple[Pair, ...]:

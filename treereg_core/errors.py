@@ -19,3 +19,9 @@ class PluginError(TreeregError):
 
 class NoRegistration(TreeregError):  # noqa: N818 -- an outcome, not a fault
     """A stage found nothing it can stand for; the run ends with the verdict `failed`, not with an error."""
+
+
+def in_words(error: Exception) -> str:
+    """A plugin's own error in one line, for a warning: its kind and what it says."""
+    text = " ".join(str(error).split()) or "no message"
+    return f"{type(error).__name__}: {text}"

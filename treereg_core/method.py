@@ -22,6 +22,9 @@ from treereg_core.network import Network
 from treereg_core.pair import Pair, Rows
 from treereg_core.transform import Affine, FloatArray, Model
 
+Described = tuple[Mapping[str, FloatArray], Mapping[str, FloatArray]]
+"""What is known of the trees of the reference and of the source: arrays with a number for each tree, by name."""
+
 
 def silent(message: str) -> None:
     """Progress that nobody reads."""
@@ -97,7 +100,21 @@ class FeatureFilter(Method):
 
     @abstractmethod
     def select(self, pair: Pair, context: Context) -> Pair:
-        """The same pair with fewer trees or other weights (`pair.narrow`); never invents a tree or moves one."""
+        """The same pair with fewer trees or other weights (`pair.narrow`); never invents a tree or moves one.
+
+        An attribute that it adds to both surveys is evidence for the placement in all that comes after, so it must not
+        depend on the placement. What does is for `describe`.
+        """
+
+    def describe(self, pair: Pair, context: Context) -> Described:
+        """What it knows of every tree of the reference (n,) and of the source (m,) at this placement, by name.
+
+        For people to see, never evidence: asked once, of all usable trees at the judged placement, and written beside
+        the registered trees. Rows are there where they were detected among all trees. A name is of lower-case letters,
+        digits and underscores, and says what the number is. Nothing, unless a filter has something to say; raises
+        `NoRegistration` where it has nothing to say of these trees.
+        """
+        return {}, {}
 
 
 class CoarseAligner(Method):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from treereg_core import io
-from treereg_core.errors import InputError
+from treereg_core.errors import InputError, in_words
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.learning import Learner, Outcome, State
 from treereg_core.memory import Couple, Memory, Visit, check_orchard, load, plain_state
@@ -121,8 +121,7 @@ class Lesson:
                 state = plain_state(learner.learn(self.outcome, plain_state(before)))
                 exports |= exported(name, learner, state)
             except Exception as error:  # a plugin's fault must not cost the registration
-                text = " ".join(str(error).split()) or "no message"
-                warnings.append(f"{name} could not learn ({type(error).__name__}: {text}); its memory stays as it was.")
+                warnings.append(f"{name} could not learn ({in_words(error)}); its memory stays as it was.")
                 continue
             memory = memory.taught(name, self.plan.plugins[name], self.recall.pair, before, state)
         return memory, exports, tuple(warnings)

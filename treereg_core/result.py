@@ -11,6 +11,7 @@ import numpy as np
 
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Judgement, Matches, Verdict
+from treereg_core.method import Described
 from treereg_core.plan import Plan
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import Affine, Model, Rigid
@@ -24,7 +25,8 @@ class Result:
     """What a run found out; `to_json()` is the content of registration.json.
 
     `reference` and `source` are in one working frame; so are the transforms of the judgement. `timings` are seconds.
-    `warnings` are sentences for people on what went wrong beside the registration.
+    `warnings` are sentences for people on what went wrong beside the registration. `described` is what the filters know
+    of the reference's and of the source's usable trees at the placement: by name, arrays in the order of the features.
     """
 
     plan: Plan
@@ -33,6 +35,7 @@ class Result:
     judgement: Judgement
     timings: Mapping[str, float]
     warnings: tuple[str, ...] = ()
+    described: Described = ({}, {})
 
     @property
     def accepted(self) -> bool:

@@ -36,5 +36,6 @@ def write_registered(result: Result, transform: Affine, folder: Path) -> None:
     """Write the moved detections and the matched pairs. `TypeError` for trees that come from no file."""
     if not isinstance(result.reference, Survey) or not isinstance(result.source, Survey):
         raise TypeError("only surveys that were read from files can be written")
-    io.write_registered(result.source, transform, folder / DETECTIONS)
-    io.write_matches(result.reference, result.source, transform, result.judgement.matches, folder / MATCHES)
+    surveys, described = (result.reference, result.source), result.described
+    io.write_registered(result.source, transform, folder / DETECTIONS, described[1])
+    io.write_matches(surveys, transform, result.judgement.matches, folder / MATCHES, described)

@@ -179,7 +179,7 @@ def test_matches_run_from_the_moved_source_to_the_reference(tmp_path):
     features = [feature(None, confidence=0.5), *trees()]
     reference, source = read_surveys(survey(tmp_path / "r"), survey(tmp_path / "s", features))
     matches = Matches(np.array([[0, 1], [5, 6], [11, 2]]), np.array([0.1, 0.25, 3]))
-    write_matches(reference, source, MOTION, matches, tmp_path / "tree_matches.geojson")
+    write_matches((reference, source), MOTION, matches, tmp_path / "tree_matches.geojson")
     document = json.loads((tmp_path / "tree_matches.geojson").read_text())
     assert [f["properties"] for f in document["features"]] == [
         {"reference": 0, "source": 1, "residual_m": 0.1},
@@ -197,10 +197,10 @@ def test_matches_run_from_the_moved_source_to_the_reference(tmp_path):
 def test_no_matches_and_unknown_ids(tmp_path):
     found = read_survey(survey(tmp_path / "s"))
     path = tmp_path / "tree_matches.geojson"
-    write_matches(found, found, MOTION, Matches(np.empty((0, 2)), np.empty(0)), path)
+    write_matches((found, found), MOTION, Matches(np.empty((0, 2)), np.empty(0)), path)
     assert json.loads(path.read_text()) == {"type": "FeatureCollection", "features": []}
     with pytest.raises(ValueError, match="not in its survey"):
-        write_matches(found, found, MOTION, Matches(np.array([[0, 12]]), np.zeros(1)), path)
+        write_matches((found, found), MOTION, Matches(np.array([[0, 12]]), np.zeros(1)), path)
 
 
 def test_json_is_readable_and_exact(tmp_path):
@@ -240,6 +240,60 @@ def test_a_place_that_cannot_be_written(tmp_path):
     for path in (tmp_path / "nowhere" / "x.json", tmp_path / "file" / "x.json"):
         with pytest.raises(InputError, match="cannot be written"):
             write_json(path, 1)
+
+
+def test_what_is_known_of_trees_is_a_property_of_every_feature(tmp_path):
+    features = trees()
+    features[0]["properties"] |= {"health": "as it was", "name": "a"}
+    features[1]["geometry"] = None
+    features[2]["properties"] = {"confidence": 0.5, "health": {"nested": 1}}
+    found = read_survey(survey(tmp_path / "s", features), frame=FRAME)
+    path = tmp_path / "detections_registered.geojson"
+    values = np.arange(len(found.features)) + 1 / 3
+    write_registered(found, MOTION, path, {"health": values, "reach": -1e308 * np.ones(len(values))})
+    after = [f["properties"] for f in json.loads(path.read_text())["features"]]
+    assert after[0] == {"confidence": 0.5, "health": 0.333333, "name": "a", "reach": -1e308}
+    assert after[1] == {"confidence": 0.5, "health": None, "reach": None}
+    assert [p["health"] for p in after[2:]] == [round(i + 1 / 3, 6) for i in range(1, 11)]
+
+
+def test_features_without_properties_get_what_is_known(tmp_path):
+    features = [{**f, "properties": None} for f in trees()]
+    found = read_survey(survey(tmp_path / "s", features), frame=FRAME)
+    path = tmp_path / "detections_registered.geojson"
+    write_registered(found, MOTION, path, {"health": np.ones(12)})
+    assert [f["properties"] for f in json.loads(path.read_text())["features"]] == [{"health": 1.0}] * 12
+    write_registered(found, MOTION, path)
+    assert [f["properties"] for f in json.loads(path.read_text())["features"]] == [None] * 12
+
+
+@pytest.mark.parametrize("suffix", ["gpkg", "parquet"])
+def test_rows_of_a_table_get_what_is_known_too(tmp_path, suffix):
+    folder = table(tmp_path / "s", suffix, confidence=[0.5] * 12, health=["as it was"] * 12)
+    found = read_survey(folder, frame=FRAME)
+    path = tmp_path / "detections_registered.geojson"
+    write_registered(found, MOTION, path, {"health": np.arange(12.0)})
+    after = [f["properties"] for f in json.loads(path.read_text())["features"]]
+    assert after == [{"confidence": 0.5, "health": float(i)} for i in range(12)]
+
+
+def test_matches_say_what_is_known_of_both_trees(tmp_path):
+    features = [feature(None, confidence=0.5), *trees()]
+    reference, source = read_surveys(survey(tmp_path / "r"), survey(tmp_path / "s", features))
+    matches = Matches(np.array([[0, 1], [5, 6]]), np.array([0.1, 0.25]))
+    described = {"health": np.arange(12) / 3}, {"health": np.arange(12.0), "age": np.ones(12)}
+    write_matches((reference, source), MOTION, matches, tmp_path / "tree_matches.geojson", described)
+    assert [f["properties"] for f in json.loads((tmp_path / "tree_matches.geojson").read_text())["features"]] == [
+        {
+            "reference": i,
+            "source": j,
+            "residual_m": residual,
+            "reference_health": health,
+            "source_health": float(j - 1),
+            "source_age": 1.0,
+        }
+        for i, j, residual, health in [(0, 1, 0.1, 0.0), (5, 6, 0.25, 1.666667)]
+    ]
 
 
 def test_an_affine_transform_is_applied_in_full(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -18,17 +18,21 @@ from treereg_core.io.files import DETECTIONS, SUFFIXES, collector_paused, read_j
 from treereg_core.io.jsontext import json_line, readable
 from treereg_core.io.tables import read_table
 from treereg_core.judgement import Matches
+from treereg_core.method import Described
 from treereg_core.pair import Rows
 from treereg_core.survey import Survey
 from treereg_core.transform import Affine, FloatArray
 
 
-def write_registered(source: Survey, transform: Affine, path: Path) -> None:
+def write_registered(
+    source: Survey, transform: Affine, path: Path, described: Mapping[str, FloatArray] | None = None
+) -> None:
     """Write the source's features moved into the reference, as GeoJSON in WGS 84 with 9 decimals.
 
     `transform` is `reference_from_source` in the working frame. All features are written in their order, unusable ones
-    too, with all their properties as they stand in the source's file. Raises `InputError` when that file changed
-    beyond reading, or `path` cannot be written.
+    too, with all their properties as they stand in the source's file. `described` has a number for each usable tree, by
+    name: a further property, with 6 decimals, null for an unusable feature; one of that name in the file is replaced.
+    Raises `InputError` when that file changed beyond reading, or `path` cannot be written.
     """
 
     def moved(xy: FloatArray) -> FloatArray:
@@ -37,6 +41,8 @@ def write_registered(source: Survey, transform: Affine, path: Path) -> None:
     with collector_paused():
         features, members, crs = _source_features(source.detections)
         geojson.move(features, moved, source.detections)
+        for name, values in (described or {}).items():
+            _add_property(features, name, dict(zip(source.features.ids.tolist(), _rounded(values), strict=True)))
         write_features(features, path, members)
 
 
@@ -53,12 +59,31 @@ def _source_features(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any], 
     return features, members if collection else {}, crs_name(geojson.crs_of(document, path))
 
 
-def write_matches(reference: Survey, source: Survey, transform: Affine, matches: Matches, path: Path) -> None:
+def _add_property(features: list[dict[str, Any]], name: str, values: Mapping[int, float]) -> None:
+    """Give every feature a property, in place: the value of its index, null where there is none."""
+    for index, feature in enumerate(features):
+        own = feature.get("properties")
+        feature["properties"] = {**(own if isinstance(own, dict) else {}), name: values.get(index)}
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(value, 6) for value in values.tolist()]
+
+
+def write_matches(
+    surveys: tuple[Survey, Survey],
+    transform: Affine,
+    matches: Matches,
+    path: Path,
+    described: Described = ({}, {}),
+) -> None:
     """Write one LineString per matched pair, from the moved source centroid to the reference's, as GeoJSON in WGS 84.
 
-    `transform` is `reference_from_source` in the working frame that both surveys share. Properties: `reference` and
-    `source` (indices of the features in their files) and `residual_m`. Raises `ValueError` for an unknown id.
+    `surveys` are reference and source, `transform` is `reference_from_source` in the working frame that both share.
+    Properties: `reference` and `source` (indices of the features in their files), `residual_m`, and for each name in
+    `described` the number of the tree, with `reference_` or `source_` before it. Raises `ValueError` for an unknown id.
     """
+    reference, source = surveys
     at_reference = reference.features.positions(matches.pairs[:, 0])
     at_source = source.features.positions(matches.pairs[:, 1])
     if (at_reference < 0).any() or (at_source < 0).any():
@@ -67,15 +92,20 @@ def write_matches(reference: Survey, source: Survey, transform: Affine, matches:
     ends = reference.features.xy[at_reference]
     lonlat = np.round(from_frame(np.vstack([starts, ends]), reference.frame), 9).tolist()
     n = len(matches.pairs)
+    columns: dict[str, list[Any]] = {
+        "reference": matches.pairs[:, 0].tolist(),
+        "source": matches.pairs[:, 1].tolist(),
+        "residual_m": _rounded(matches.residual),
+    }
+    for side, at, known in zip(("reference", "source"), (at_reference, at_source), described, strict=True):
+        columns |= {f"{side}_{name}": _rounded(values[at]) for name, values in known.items()}
     features = [
         {
             "type": "Feature",
-            "properties": {"reference": pair[0], "source": pair[1], "residual_m": round(residual, 6)},
+            "properties": dict(zip(columns, values, strict=True)),
             "geometry": {"type": "LineString", "coordinates": [start, end]},
         }
-        for pair, residual, start, end in zip(
-            matches.pairs.tolist(), matches.residual.tolist(), lonlat[:n], lonlat[n:], strict=True
-        )
+        for start, end, *values in zip(lonlat[:n], lonlat[n:], *columns.values(), strict=True)
     ]
     write_features(features, path)
 

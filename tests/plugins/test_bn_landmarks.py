@@ -11,6 +11,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -22,12 +23,14 @@ from treereg_bn_landmarks.memory import Memory
 from treereg_bn_landmarks.structure import EVIDENCE, PARENTS, STATES, shape
 
 from benchmarks.landmarks import calibration_error, chosen, confidence_filter, found, true_landmarks
+from treereg_core.cli import main
 from treereg_core.errors import InputError, NoRegistration
+from treereg_core.evidence import Evidence
 from treereg_core.features import FeatureSet
 from treereg_core.learning import Outcome
 from treereg_core.method import Context
 from treereg_core.pair import MatchedRows, Pair
-from treereg_core.simulate import Simulation, family_scene, simulate, simulate_family
+from treereg_core.simulate import Scene, Simulation, family_scene, simulate, simulate_family, write_simulation
 from treereg_core.testing import scenes
 from treereg_core.transform import Rigid
 
@@ -64,19 +67,93 @@ def test_probabilities_are_true_of_other_orchards_too(family: str) -> None:
     assert truth[np.concatenate([f.chosen for f in every])].mean() > 0.99
 
 
-def test_a_share_of_each_survey_goes_on_with_partners_probabilities_and_weights(noisy: list[Simulation]) -> None:
+def test_a_share_of_each_survey_goes_on_with_partners_and_weights(noisy: list[Simulation]) -> None:
     pair = scenes.near(noisy[0])
     halved = pair.reference.replace(weight=np.full(len(pair.reference), 0.5))
     kept = Landmarks(share=0.3).select(pair.narrow(halved, pair.source), CONTEXT)
     for before, after in ((pair.reference, kept.reference), (pair.source, kept.source)):
         assert len(after) == np.ceil(0.3 * len(before))
-    assert kept.reference.weight == pytest.approx(0.5 * kept.reference.attributes["landmark"])
-    assert kept.source.weight == pytest.approx(kept.source.attributes["landmark"])
+    reference, source = probabilities(pair, CONTEXT)
+    assert kept.reference.weight == pytest.approx(0.5 * reference[pair.reference.positions(kept.reference.ids)])
+    assert kept.source.weight == pytest.approx(source[pair.source.positions(kept.source.ids)])
     both = noisy[0].true_pairs()
     together = np.isin(both[:, 0], kept.reference.ids) & np.isin(both[:, 1], kept.source.ids)
     assert together.sum() > 0.9 * len(kept.reference)
     everything = Landmarks(share=1.0).select(pair, CONTEXT)
     assert len(everything.reference) == len(pair.reference)
+
+
+def test_the_probability_under_a_placement_is_no_evidence_for_it() -> None:
+    pair = scenes.near(scenes.ordinary())
+    kept = Landmarks().select(pair, CONTEXT)
+    assert Evidence(kept.reference, kept.source).names == Evidence(pair.reference, pair.source).names
+
+
+@pytest.fixture(scope="module")
+def orchard(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("orchard")
+    scene = Scene(trees=400, missed=0.1, false=0.15, jitter=0.15, area_persistence=0.9, shift_sd=8.0, rotation_sd=3.0)
+    write_simulation(simulate(scene, 4), folder)
+    return folder
+
+
+def run(orchard: Path, out: Path, *options: str, source: str = "source") -> tuple[list[Any], list[Any]]:
+    """The properties of the registered detections and of the matches that the command writes."""
+    main(["run", str(orchard / "reference"), str(orchard / source), "-q", "--out", str(out), *options])
+    files = (json.loads((out / f"{name}.geojson").read_text()) for name in ("detections_registered", "tree_matches"))
+    detections, matches = ([feature["properties"] for feature in file["features"]] for file in files)
+    return detections, matches
+
+
+@pytest.mark.parametrize("method", ["bn_landmarks+icp", "combined"])
+def test_the_registered_files_have_the_probability_of_every_tree(method: str, orchard: Path, tmp_path: Path) -> None:
+    detections, matches = run(orchard, tmp_path / "out", "--method", method)
+    truth = json.loads((orchard / "truth.json").read_text())
+    probability = np.array([properties["landmark_probability"] for properties in detections])
+    assert len(probability) == len(truth["source_trees"])
+    assert ((probability >= 0) & (probability <= 1)).all()
+    shown = {tree for trees in truth["reference_trees"] for tree in trees}
+    false = np.array([not trees for trees in truth["source_trees"]])
+    both = np.array([bool(shown & set(trees)) for trees in truth["source_trees"]])
+    assert probability[both].mean() > 0.85
+    assert probability[false].mean() < 0.4
+    assert len(matches) > 250
+    assert all(0 <= match["reference_landmark_probability"] <= 1 for match in matches)
+    assert all(match["source_landmark_probability"] == probability[match["source"]] for match in matches)
+
+
+def test_without_the_filter_nothing_is_said_of_landmarks(orchard: Path, tmp_path: Path) -> None:
+    detections, matches = run(orchard, tmp_path / "out", "--method", "icp")
+    assert set().union(*detections) == {"confidence"}
+    assert set().union(*matches) == {"reference", "source", "residual_m"}
+
+
+def test_files_that_were_forced_say_it_and_every_run_the_same(orchard: Path, tmp_path: Path) -> None:
+    forced = ("--method", "bn_landmarks+icp", "--max-failure", "0", "--force")
+    for threads in ("1", "2"):
+        detections, _ = run(orchard, tmp_path / threads, *forced, "--threads", threads)
+        assert all("landmark_probability" in properties for properties in detections)
+    for name in ("detections_registered.geojson", "tree_matches.geojson"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+
+
+def test_an_earlier_runs_probability_is_replaced_and_a_table_says_it_too(orchard: Path, tmp_path: Path) -> None:
+    import geopandas
+
+    expected, _ = run(orchard, tmp_path / "out", "--method", "bn_landmarks+icp")
+    table = geopandas.read_file(orchard / "source" / "raw-detections.geojson").assign(landmark_probability="old")
+    (tmp_path / "table").mkdir()
+    table.to_file(tmp_path / "table" / "raw-detections.gpkg")
+    found, _ = run(orchard, tmp_path / "again", "--method", "bn_landmarks+icp", source=str(tmp_path / "table"))
+    assert [p["landmark_probability"] for p in found] == [p["landmark_probability"] for p in expected]
+
+
+def test_rows_of_the_chosen_alone_say_nothing_on_the_others(orchard: Path, tmp_path: Path) -> None:
+    """Rows that were found among the chosen are no evidence that the other trees stand in none."""
+    before, _ = run(orchard, tmp_path / "out", "--method", "bn_landmarks+icp")
+    after, _ = run(orchard, tmp_path / "rows", "--method", "bn_landmarks+aco")
+    changed = [abs(a["landmark_probability"] - b["landmark_probability"]) for a, b in zip(before, after, strict=True)]
+    assert np.mean(changed) < 0.01
 
 
 def test_the_chosen_span_the_orchard(noisy: list[Simulation]) -> None:

@@ -17,9 +17,11 @@ from treereg_bn_landmarks.structure import NETWORK
 from treereg_core.errors import NoRegistration
 from treereg_core.features import IntArray
 from treereg_core.learning import Learner, Outcome, State
-from treereg_core.method import Context, FeatureFilter
+from treereg_core.method import Context, Described, FeatureFilter
 from treereg_core.pair import Pair
 from treereg_core.transform import Affine, FloatArray
+
+DESCRIBED = "landmark_probability"
 
 
 class Landmarks(FeatureFilter, Learner):
@@ -29,7 +31,7 @@ class Landmarks(FeatureFilter, Learner):
     and those around it, its crown against its neighbours', its place in the planting, what stands there in the other
     survey under the present transform, and what earlier surveys had there. The most probable share goes on, partners
     together and spread over the orchard, so that they fix the rotation; each tree's weight is multiplied by its
-    probability, which it carries as the attribute `landmark`.
+    probability. That of every tree, at the judged placement, stands in the registered files as `landmark_probability`.
 
     Good when the start is within about a third of the in-row spacing. From farther off few trees have partners, and
     the probabilities say so. What is learned of an orchard changes the network's tables, and adds which single trees
@@ -49,9 +51,13 @@ class Landmarks(FeatureFilter, Learner):
         kept = []
         for side, probability, mask in zip(both, found, choose(both, found, self.share), strict=True):
             features = side.features.take(mask)
-            attributes = {**features.attributes, "landmark": probability[mask]}
-            kept.append(features.replace(weight=features.weight * probability[mask], attributes=attributes))
+            kept.append(features.replace(weight=features.weight * probability[mask]))
         return pair.narrow(*kept)
+
+    def describe(self, pair: Pair, context: Context) -> Described:
+        """P(landmark) of every tree. Raises `NoRegistration` for fewer than three trees that stand apart."""
+        reference, source = probabilities(pair, context)
+        return {DESCRIBED: reference}, {DESCRIBED: source}
 
     def learn(self, outcome: Outcome, state: State) -> State:
         """The state with this outcome's counts, and its source's trees where the home frame is known.

@@ -15,11 +15,11 @@ from treereg_core.evaluator import Problem
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Judgement
 from treereg_core.learning import Learner, Outcome, State
-from treereg_core.method import CoarseAligner, Context, Method, PointMatcher, Registration
+from treereg_core.method import CoarseAligner, Context, Described, Method, PointMatcher, Registration
 from treereg_core.pair import Pair, Rows
 from treereg_core.registry import installed
 from treereg_core.rows import NearestRows
-from treereg_core.transform import Affine, Model, Rigid
+from treereg_core.transform import Affine, FloatArray, Model, Rigid
 from treereg_core.truth import Truth
 
 CALLS = count()
@@ -136,6 +136,16 @@ class Placing(LargeCrowns):
         return pair.at(Rigid.turn(1e-6) @ pair.reference_from_source)
 
 
+class Biased(LargeCrowns):
+    def select(self, pair: Pair, context: Context) -> Pair:
+        distance, index = pair.reference.tree.query(pair.source_in_reference)
+        back = np.zeros(len(pair.reference))
+        back[index] = distance
+        return pair.narrow(
+            pair.reference.replace(attributes={"near": back}), pair.source.replace(attributes={"near": distance})
+        )
+
+
 class RowLosing(LargeCrowns):
     def select(self, pair: Pair, context: Context) -> Pair:
         return replace(pair, reference=pair.reference.take(np.arange(100)))
@@ -145,6 +155,39 @@ class Peeping(LargeCrowns):
     def select(self, pair: Pair, context: Context) -> Pair:
         least = np.quantile(pair.source.area, 0.3)
         return pair.narrow(*(f.take(f.area >= least) for f in (pair.reference, pair.source)))
+
+
+class Describing(LargeCrowns):
+    """A filter that says of each tree what `number` makes of its survey."""
+
+    def describe(self, pair: Pair, context: Context) -> Described:
+        one, two = self.number(pair.reference, context), self.number(pair.source, context)
+        return {"number": one}, {"number": two}
+
+    def number(self, features: FeatureSet, context: Context) -> FloatArray:
+        raise NotImplementedError
+
+
+class OfSome(Describing):
+    def number(self, features: FeatureSet, context: Context) -> FloatArray:
+        return features.area[:100]
+
+
+class OfThreads(Describing):
+    def number(self, features: FeatureSet, context: Context) -> FloatArray:
+        return features.area * context.threads
+
+
+class Marking(Describing):
+    def number(self, features: FeatureSet, context: Context) -> FloatArray:
+        features.weight.setflags(write=True)
+        features.weight[:1] = 2.0
+        return features.area
+
+
+class Numbering(Describing):
+    def number(self, features: FeatureSet, context: Context) -> FloatArray:
+        return np.arange(float(len(features)))
 
 
 class Lazy(CoarseAligner):
@@ -380,9 +423,14 @@ HONEST_JUDGE: tuple[tuple[str, str, Method, str], ...] = (
     ("filters", "it_keeps_a_subset", Moving(), "a tree was changed"),
     ("filters", "it_keeps_a_subset", Inventing(), "a tree was invented"),
     ("filters", "it_leaves_trees_to_work_with", Emptying(), "only 2 trees"),
+    ("filters", "what_it_adds_to_both_surveys_ignores_the_placement", Biased(), "near depends on the placement"),
     ("filters", "it_moves_nothing", Placing(), "placement was changed"),
     ("filters", "rows_keep_their_order", RowLosing(), "other rows"),
     ("filters", "a_filter_of_one_survey_ignores_the_other", Peeping(), "keeps other trees"),
+    ("filters", "it_describes_each_tree_by_a_number", OfSome(), "number has shape (100,)"),
+    ("filters", "describing_changes_nothing", OfThreads(), "it says something else"),
+    ("filters", "describing_changes_nothing", Marking(), "the pair was changed"),
+    ("filters", "describing_ignores_the_order_of_trees", Numbering(), "number is another one"),
     ("aligners", "the_truth_is_among_the_proposals", Lazy(), "m off"),
     ("aligners", "noise_does_not_hide_the_truth", Lazy(), "m off"),
     ("aligners", "it_finds_a_copy_anywhere", Lazy(), "turned by 13 degrees"),

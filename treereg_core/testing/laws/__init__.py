@@ -40,9 +40,13 @@ INVARIANCE: tuple[Law, ...] = (
 FILTER: tuple[Law, ...] = (
     filters.it_keeps_a_subset,
     filters.it_leaves_trees_to_work_with,
+    filters.what_it_adds_to_both_surveys_ignores_the_placement,
     filters.it_moves_nothing,
     filters.rows_keep_their_order,
     filters.a_filter_of_one_survey_ignores_the_other,
+    filters.it_describes_each_tree_by_a_number,
+    filters.describing_changes_nothing,
+    filters.describing_ignores_the_order_of_trees,
 )
 ALIGNER: tuple[Law, ...] = (
     aligners.the_truth_is_among_the_proposals,

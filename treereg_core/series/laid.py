@@ -13,7 +13,7 @@ from treereg_core.footprint import Footprint
 from treereg_core.transform import Affine, FloatArray
 
 CLASSES = 5
-"""Classes of confidence, by rank within the survey."""
+"""Classes of confidence, and of crown, by rank within the survey."""
 AROUND = 20
 """So many trees are around a tree."""
 REACH = 2.5
@@ -43,9 +43,8 @@ class Laid:
 
     @cached_property
     def classes(self) -> IntArray:
-        """The class of confidence of each tree (n,)."""
-        rank = np.argsort(np.argsort(self.confidence, kind="stable"), kind="stable")
-        return np.asarray(rank * CLASSES // max(len(rank), 1))
+        """The classes of confidence and of crown of each tree, (2, n)."""
+        return np.array([_classes(self.confidence), _classes(self.log_area)])
 
     @cached_property
     def around(self) -> IntArray:
@@ -63,11 +62,19 @@ class Laid:
         return float(np.count_nonzero(self.ground.mask)) * self.ground.cell**2
 
     def log_strangers(self, tree: FloatArray) -> FloatArray:
-        """For each detection (n,) how dense those are that show no tree but are as confident, logarithm.
+        """For each detection (n,) the logarithm of how dense strangers, which show no tree, are that look like it.
 
-        Strangers of its class of confidence to a square metre, over the share of trees that are in that class; `tree`
+        To a square metre, over the share of trees that look like it: by its classes of confidence and of crown. `tree`
         (n,) is the probability that a detection shows a tree.
         """
-        trees, strangers = (np.bincount(self.classes, weight, CLASSES) + 1 for weight in (tree, 1 - tree))
-        by_class = np.log(strangers / self.ground_m2) - np.log(trees / trees.sum())
-        return np.asarray(by_class[self.classes])
+        found = np.full(len(tree), np.log((1 + float(np.sum(1 - tree))) / self.ground_m2))
+        for classes in self.classes:
+            trees, strangers = (np.bincount(classes, weight, CLASSES) + 1 for weight in (tree, 1 - tree))
+            found += np.log(strangers / strangers.sum() / (trees / trees.sum()))[classes]
+        return found
+
+
+def _classes(values: FloatArray) -> IntArray:
+    """The class of each value by its rank, equally many in each."""
+    rank = np.argsort(np.argsort(values, kind="stable"), kind="stable")
+    return np.asarray(rank * CLASSES // max(len(rank), 1))

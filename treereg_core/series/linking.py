@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from treereg_core.features import BoolArray, IntArray, nearest
-from treereg_core.series.laid import Laid
+from treereg_core.series.laid import CLASSES, Laid
 from treereg_core.transform import FloatArray
 
 GATE = 0.45
@@ -38,6 +38,8 @@ FEWEST = 8
 """Fewer links say nothing about a survey, nor about how far it is off at a place, as a bent map is."""
 OFTEN = 3
 """Trees that so many surveys or more show are found equally often."""
+KINDS = CLASSES + OFTEN - 1
+"""How often trees are found depends on how often they were seen; of those seen once, on how sure the detector was."""
 ROUNDS, PASSES = 4, 3
 """So many rounds over all surveys at most, and so many passes over one: links tell offsets, and these tell links."""
 
@@ -67,6 +69,7 @@ class _Known:
     """Trees as some surveys show them.
 
     - `number` (t,): of the tree; `seen` (t,): how many of the surveys show it; `xy` (t, 2), `log_area` (t,): means.
+    - `kind` (t,): which are found equally often: the class of confidence of those seen once, then by `seen`.
     - `free`: the next number that no tree has.
     """
 
@@ -74,19 +77,23 @@ class _Known:
     seen: IntArray
     xy: FloatArray
     log_area: FloatArray
+    kind: IntArray
     free: int
 
     @classmethod
     def of(cls, surveys: Sequence[Laid], numbers: Sequence[IntArray]) -> _Known:
         if not surveys:
             none = np.zeros(0, dtype=np.int64)
-            return cls(none, none, np.zeros((0, 2)), np.zeros(0), 0)
+            return cls(none, none, np.zeros((0, 2)), np.zeros(0), none, 0)
         every = np.concatenate(numbers)
         number, at, seen = np.unique(every, return_inverse=True, return_counts=True)
         xy = np.concatenate([survey.xy for survey in surveys])
         log_area = np.concatenate([survey.log_area for survey in surveys])
         mean = [np.bincount(at, values) / seen for values in (*xy.T, log_area)]
-        return cls(number, seen, np.column_stack(mean[:2]), mean[2], int(every.max()) + 1)
+        kind = CLASSES - 2 + np.minimum(seen, OFTEN)
+        once = seen[at] == 1
+        kind[at[once]] = np.concatenate([survey.classes[0] for survey in surveys])[once]
+        return cls(number, seen, np.column_stack(mean[:2]), mean[2], kind, int(every.max()) + 1)
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -138,8 +145,8 @@ def _log_odds(pairs: _Pairs, assigned: IntArray, offset: FloatArray) -> FloatArr
     """Log-odds (k,) that the detection shows the tree, against a tree that was missed and a stranger.
 
     `assigned` (n,) are the links of the pass before, which tell how far places and crowns of one tree spread, how often
-    trees are found, and how many strangers there are in each class of confidence. While there are hardly any, the
-    nearest pairs are taken.
+    trees are found, and how many strangers look like each detection. While there are hardly any, the nearest pairs are
+    taken.
     """
     survey, known = pairs.survey, pairs.known
     linked = np.flatnonzero(assigned >= 0)
@@ -155,10 +162,10 @@ def _log_odds(pairs: _Pairs, assigned: IntArray, offset: FloatArray) -> FloatArr
         _log_density(pairs.square, STRAY_FACTOR**2 * variance) + np.log(STRAY),
     )
 
-    often, found = np.minimum(known.seen, OFTEN), np.bincount(at, minlength=len(known.xy)) > 0
+    found = np.bincount(at, minlength=len(known.xy)) > 0
     covered = survey.ground.covers(known.xy)
-    shown, missed = (np.bincount(often[covered & which], minlength=OFTEN + 1) + 1 for which in (found, ~found))
-    expected = np.log(shown / missed)[often[pairs.tree]]
+    shown, missed = (np.bincount(known.kind[covered & which], minlength=KINDS) + 1 for which in (found, ~found))
+    expected = np.log(shown / missed)[known.kind[pairs.tree]]
 
     strange = survey.log_strangers((assigned >= 0).astype(np.float64))[pairs.detection]
     return np.asarray(expected + place + _likeness(pairs, assigned) - strange)

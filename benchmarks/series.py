@@ -18,22 +18,22 @@ from functools import cache
 from itertools import combinations
 from statistics import median
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from benchmarks.processes import spread
 from benchmarks.table import percent, table, wilson
 from treereg_core.api import execute
-from treereg_core.features import BoolArray, IntArray
+from treereg_core.features import BoolArray, FeatureSet, IntArray
 from treereg_core.options import Options
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
 from treereg_core.series import History, State
-from treereg_core.series.laid import Laid
 from treereg_core.simulate import Scene, Seasons, SeriesSimulation, family_scene, simulate_series
 from treereg_core.simulate.series import Lives
-from treereg_core.transform import Rigid
+from treereg_core.transform import Affine, Rigid
 
 LESS: Mapping[str, float] = MappingProxyType({"missed": 0.08, "false": 0.08, "dead": 0.02, "growth": 1.5})
 SERIES: Mapping[str, tuple[str, Mapping[str, float], Seasons]] = MappingProxyType(
@@ -51,9 +51,10 @@ SERIES: Mapping[str, tuple[str, Mapping[str, float], Seasons]] = MappingProxyTyp
     }
 )
 """By name: the family that the scene is of, what is different in it, and what happens in the series."""
+BINS = 10
 HEADER = (
     *("series", "trials", "accepted", "links right", "95 %", "links found", "95 %"),
-    *("dead missing", "not in view", "replanted right", "found", "real", "seconds"),
+    *("dead missing", "not in view", "replanted right", "found", "real", "ECE", "seconds"),
 )
 LEGEND = """\
 accepted       share of the surveys that were accepted
@@ -62,7 +63,7 @@ links found    share of the true links, of detections that show one tree whole, 
 dead missing   share of the trees that were dead, and whose place was in view, that are said to be missing (else unseen)
 not in view    trees said to be missing though their place was not in view, a count
 replanted      right: share of those said that are; found: share of those seen that are said
-real           share of the probable trees that a true tree stands behind
+real           share of the probable trees that are trees; ECE: expected calibration error of the probability
 seconds        median, of following alone, one thread"""
 
 
@@ -71,7 +72,7 @@ class SeriesTrial:
     """Counts of one simulated series."""
 
     name: str
-    counts: Mapping[str, int]
+    counts: Mapping[str, Any]
     seconds: float
 
 
@@ -102,7 +103,7 @@ def run(method: str, name: str, seed: int) -> SeriesTrial:
     simulation = simulate_series(scene, seed, seasons)
     laid = registered(simulation, plan(method))
     begin = time.perf_counter()
-    history = History.of([survey for survey in laid if survey], simulation.captures[0].features.spacing)
+    history = History.of([survey for survey in laid if survey])
     state = history.state
     seconds = time.perf_counter() - begin
     shown = [k for k, survey in enumerate(laid) if survey]
@@ -118,14 +119,14 @@ def plan(method: str) -> Plan:
     return plan_for(Options(method=method, threads=1), installed())
 
 
-def registered(simulation: SeriesSimulation, how: Plan) -> list[Laid | None]:
-    """The surveys laid on the first; None for one that was not accepted."""
+def registered(simulation: SeriesSimulation, how: Plan) -> list[tuple[FeatureSet, Affine] | None]:
+    """The surveys with the transforms that lay them on the first; None for one that was not accepted."""
     first = simulation.captures[0].features
-    laid: list[Laid | None] = [Laid.of(first, Rigid.identity())]
+    laid: list[tuple[FeatureSet, Affine] | None] = [(first, Rigid.identity())]
     for capture in simulation.captures[1:]:
         result = execute(how, (first, capture.features), Clock())
         transform = result.transform if result.accepted else None
-        laid.append(Laid.of(capture.features, transform) if transform else None)
+        laid.append((capture.features, transform) if transform else None)
     return laid
 
 
@@ -159,13 +160,17 @@ def whole(spots: IntArray) -> tuple[IntArray, IntArray]:
     return features[first[count == 1]], spot[count == 1]
 
 
-def states(simulation: SeriesSimulation, shown: Sequence[int], history: History, state: IntArray) -> Counter[str]:
+def states(simulation: SeriesSimulation, shown: Sequence[int], history: History, state: IntArray) -> Counter[Any]:
     """Counts of what is said of the states of probable trees, and of what is true."""
-    lives, counts = simulation.lives, Counter[str]()
+    lives, counts = simulation.lives, Counter[Any]()
     spot = spot_of_trees(simulation, shown, history)
     followed = np.flatnonzero(history.probable & (spot >= 0))
     counts["probable"] = int(history.probable.sum())
     counts["followed"] = len(followed)
+    bins = np.minimum((history.probability * BINS).astype(int), BINS - 1)
+    for name, values in (("said", history.probability), ("is", (spot >= 0).astype(float))):
+        counts.update({f"{name} {k}": total for k, total in enumerate(np.bincount(bins, values, BINS))})
+    counts["all"] = len(spot)
     at = spot[followed]
     for s, k in enumerate(shown):
         capture, now = simulation.captures[k], state[followed, s]
@@ -188,17 +193,24 @@ def replaces(lives: Lives) -> BoolArray:
 
 
 def spot_of_trees(simulation: SeriesSimulation, shown: Sequence[int], history: History) -> IntArray:
-    """The planting position (t,) of each tree as the last survey that shows one says, -1 for false detections alone."""
+    """The planting position (t,) of each tree as the last survey that shows one says, -1 for one that is none.
+
+    Of several at one position the one that is seen most often is the tree.
+    """
     spot = np.full(len(history.detection), -1, dtype=np.int64)
     for k, at in zip(shown, history.detection.T, strict=True):
         now = spots_of(simulation, k)[np.maximum(at, 0), 0]
         spot = np.where((at >= 0) & (now >= 0), now, spot)
+    # the second half of a split crown is no tree of its own
+    order = np.lexsort((-history.seen.sum(axis=1), spot))
+    again = np.append(False, spot[order][1:] == spot[order][:-1])
+    spot[order[again]] = -1
     return spot
 
 
 def line(name: str, trials: Sequence[SeriesTrial]) -> Sequence[str]:
     """One line of the table."""
-    total: Counter[str] = Counter()
+    total: Counter[Any] = Counter()
     for trial in trials:
         total.update(trial.counts)
 
@@ -214,6 +226,7 @@ def line(name: str, trials: Sequence[SeriesTrial]) -> Sequence[str]:
         percent(total["replanted right"], total["replanted said"]),
         percent(total["replanted right"], total["replanted"]),
         percent(total["followed"], total["probable"]),
+        f"{sum(abs(total[f'said {k}'] - total[f'is {k}']) for k in range(BINS)) / total['all']:.3f}",
         f"{median(trial.seconds for trial in trials):.2f}",
     )
 

@@ -180,7 +180,7 @@ def test_one_survey_that_fails_stops_nothing(folders: list[str], elsewhere: str,
     assert set(trees.survey) == {"2021", "2023"}
     verdicts = [survey["verdict"] for survey in read(Path("out/series.json"))["surveys"]]
     assert verdicts[::2] == ["reference", "accepted"]
-    assert verdicts[1] in ({"unreadable"} if bad == "broken" else {"failed", "ambiguous"})
+    assert verdicts[1] in ({"unusable"} if bad == "broken" else {"failed", "ambiguous"})
     assert Path("out", Path(survey).name, "registration.json").exists() == (bad == "other")
     assert not Path("out", Path(survey).name, "detections_registered.geojson").exists()
 
@@ -195,12 +195,19 @@ def test_the_first_survey_has_to_be_right(folders: list[str], capsys: Output) ->
 
 def test_wrong_arguments_are_refused_before_work(folders: list[str], tmp_path: Path, capsys: Output) -> None:
     shutil.copytree(folders[1], "twin/2021")
-    shutil.copytree(folders[1], "memory")
+    for name in ("memory", "line\nfeed", ".hidden"):
+        shutil.copytree(folders[1], name)
+    Path("link").symlink_to(folders[0])
     for arguments, word in (
         (folders[:1], "two surveys or more"),
         ([folders[0], "nowhere"], "nowhere is not a folder"),
         ([folders[0], "twin/2021"], "have the same name"),
         ([folders[0], "memory"], "rename it"),
+        ([folders[0], "line\nfeed"], "rename it"),
+        ([folders[0], ".hidden"], "rename it"),
+        ([folders[0], folders[0]], "are one folder"),
+        ([folders[0], "link"], "are one folder"),
+        ([folders[0], "/"], "rename it"),
         ([*folders, "--start", "start.json"], "no start for several surveys"),
         ([*folders, "--method", "icq"], "icp"),
         ([*folders, "--model", "bent"], "rigid"),
@@ -222,6 +229,30 @@ def test_overwrite_removes_what_an_earlier_series_left_and_nothing_else(folders:
     assert {name for name in left if name.startswith("2023/")} == {"2023/notes.txt"}
     assert {"notes.txt", "memory/notes.txt", "memory/memory.json"} <= left
     assert "memory/bn_landmarks.xml" not in left
+
+
+def test_folders_may_be_given_as_dots(folders: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    Path("orchard/first/sub").mkdir(parents=True)
+    for name, folder in (("orchard/first", folders[0]), ("orchard/second", folders[1])):
+        shutil.copytree(folder, name, dirs_exist_ok=True)
+    monkeypatch.chdir("orchard/first/sub")
+    mine = Path("../registration.json")
+    mine.write_text("mine")
+    for _ in range(2):
+        arguments = ["series", "..", "../../second/.", "--method", "icp", "--out", "../../../out", "--overwrite"]
+        assert main(arguments) == 0
+        assert "[2/2] second: read" in capsys.readouterr().err
+    assert set(geopandas.read_parquet("../../../out/trees.parquet").survey) == {"first", "second"}
+    assert mine.read_text() == "mine"
+
+
+def test_a_survey_is_no_witness_to_itself(folders: list[str], capsys: Output) -> None:
+    shutil.copytree(folders[1], "copy")
+    assert main(["series", *folders[:2], "copy", "--method", "icp", "--out", "out", "-q"]) == 3
+    stdout, stderr = capsys.readouterr()
+    assert "copy adds no trees (unusable)" in stderr
+    assert "holds the detections of 2022 again" in stderr
+    assert stdout.startswith("1 of 2")
 
 
 def test_the_same_from_python(done: Path, folders: list[str]) -> None:

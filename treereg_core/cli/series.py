@@ -37,7 +37,7 @@ from treereg_core.series.files import (
     write_series,
 )
 from treereg_core.series.history import State
-from treereg_core.series.registering import Member, Series, carry_out, check_folders
+from treereg_core.series.registering import Member, Series, carry_out, check_folders, name_of
 from treereg_core.settings import merge, parse_assignments
 
 
@@ -67,10 +67,10 @@ def series(
 ) -> int:
     """Register the surveys of one orchard onto the first of them, and follow every tree through time."""
     check_folders(surveys)
-    taken = next((folder for folder in surveys if folder.absolute().name in RESERVED), None)
+    taken = next((folder for folder in surveys if name_of(folder) in RESERVED), None)
     if taken is not None:
         raise UsageError(f"{taken} has a name that a file of the results has; rename it.")
-    if start.endswith(".json"):
+    if start.lower().endswith(".json"):
         raise UsageError(f"--start {start}: one transform is no start for several surveys; give a coarse aligner.")
     given = {
         "method": method,
@@ -100,7 +100,7 @@ def tell(member: Member) -> None:
     """What a user should know of a survey as soon as it is done."""
     for found in (member.survey, member.result):
         for warning in found.warnings if found else ():
-            console.warn(warning)
+            console.warn(f"{member.name}: {warning}")
     if member.transform is None:
         reason = member.result.judgement.reason if member.result else member.problem
         console.warn(f"{member.name} adds no trees ({member.word}): {reason}")

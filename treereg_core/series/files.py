@@ -36,7 +36,7 @@ def names_of_earlier(folder: Path) -> tuple[str, ...]:
     except (OSError, ValueError, LookupError, TypeError):
         surveys, memory = [], []
     inside = [(MEMORY, name) for name in memory] + [(survey, name) for survey in surveys for name in RUN_FILES]
-    plain = [pair for pair in inside if all(Path(part).name == part for part in pair)]
+    plain = [pair for pair in inside if all(Path(part).name == part and part != ".." for part in pair)]
     return (SERIES, PARQUET, GEOJSON, *("/".join(map(glob.escape, pair)) for pair in plain))
 
 

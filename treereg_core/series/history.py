@@ -10,15 +10,17 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit
 
-from treereg_core.features import BoolArray, IntArray
+from treereg_core.features import BoolArray, FeatureSet, IntArray, frozen_array, nearest
 from treereg_core.series.laid import Laid
 from treereg_core.series.linking import GATE, link
-from treereg_core.transform import FloatArray
+from treereg_core.transform import Affine, FloatArray
 
 TURNOVER = 0.02
 """Share of an orchard's trees that die, or are planted, from one survey to the next: what is assumed beforehand."""
 PROBABLE = 0.5
 """What is less probable to be a tree than this is taken for false detections."""
+AROUND = 2.0
+"""A survey may have viewed the ground as far as so many spacings from its outermost trees."""
 REFINED = 8
 """So many rounds of expectation maximisation."""
 SHRUNK, SHRUNK_SIGMAS = 0.7, 4.0
@@ -53,29 +55,38 @@ class History:
     - `covered` (t, s): whether the survey covers the tree's place.
     - `xy` (t, s, 2): where the survey shows it, in the frame of the first survey, metres; the mean of the others' where
       it does not.
-    - `probability` (t,): that it is or was a tree, and not false detections alone.
+    - `spacing`: the distance between trees, metres.
     """
 
     surveys: tuple[Laid, ...]
+    spacing: float
     detection: IntArray
     covered: BoolArray
     xy: FloatArray
-    probability: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, kind in (("detection", np.int64), ("covered", np.bool_), ("xy", np.float64)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), kind))
 
     @classmethod
-    def of(cls, surveys: Sequence[Laid], spacing: float) -> History:
-        """The history that surveys tell together; `spacing` is the distance between trees, metres."""
-        numbers = link(surveys, spacing)
-        detection = np.full((max(int(number.max()) for number in numbers) + 1, len(surveys)), -1, dtype=np.int64)
+    def of(cls, surveys: Sequence[tuple[FeatureSet, Affine]]) -> History:
+        """The history that surveys tell together: their trees, and the transforms that take them to the first one."""
+        spacing = float(np.median([features.spacing * transform.scale for features, transform in surveys])) or 1.0
+        laid, numbers = link([Laid.of(*survey, spacing) for survey in surveys], spacing)
+        detection = np.full((max(int(number.max()) for number in numbers) + 1, len(laid)), -1, dtype=np.int64)
         for s, number in enumerate(numbers):
             detection[number, s] = np.arange(len(number))
         seen = detection >= 0
-        shown = gathered([survey.xy for survey in surveys], detection)
+        shown = gathered([survey.xy for survey in laid], detection)
         mean = np.nanmean(shown, axis=1)
-        covered = seen | np.column_stack([survey.ground.covers(mean) for survey in surveys])
+        covered = seen | np.column_stack([survey.ground.covers(mean) for survey in laid])
         xy = np.where(seen[..., None], shown, mean[:, None])
-        probability = _probability(surveys, detection, covered, np.pi * (GATE * spacing) ** 2)
-        return cls(tuple(surveys), detection, covered, xy, probability)
+        return cls(tuple(laid), spacing, detection, covered, xy)
+
+    @cached_property
+    def probability(self) -> FloatArray:
+        """The probability (t,) that detections show a tree, and are not false ones alone."""
+        return frozen_array(_probability(self))
 
     @property
     def probable(self) -> BoolArray:
@@ -96,11 +107,11 @@ class History:
         covered_before = np.cumsum(self.covered, axis=1)[np.arange(len(first)), first] > 1
         state[np.flatnonzero(covered_before), first[covered_before]] = State.NEW
         state[self._replanted] = State.REPLANTED
-        return state
+        return frozen_array(state, np.int64)
 
     @cached_property
     def _replanted(self) -> BoolArray:
-        """Where (t, s) a crown is much smaller than before, and still is in the next survey that shows it."""
+        """Where (t, s) a crown is much smaller than before, and still is in the next survey that shows it, if any."""
         log_area = gathered([survey.log_area for survey in self.surveys], self.detection)
         change = np.diff(log_area, axis=1)
         change = change[np.isfinite(change)]
@@ -140,17 +151,19 @@ def _next_seen(values: FloatArray, s: int) -> FloatArray:
     return found
 
 
-def _probability(surveys: Sequence[Laid], detection: IntArray, covered: BoolArray, chance_m2: float) -> FloatArray:
+def _probability(history: History) -> FloatArray:
     """The probability (t,) that detections show a tree, by when it was seen and missed and how sure the detector was.
 
-    Against a tree stand strangers, of which several would have to lie within `chance_m2` of each other by chance. How
-    often trees are found, and how dense strangers are, follows from the probabilities (expectation maximisation). One
-    survey alone is believed.
+    Against a tree stand strangers, of which several would have to lie together by chance. How often trees are found,
+    and how dense strangers are, follows from the probabilities (expectation maximisation). One survey alone is
+    believed.
     """
-    seen = detection >= 0
+    surveys, seen = history.surveys, history.seen
     times = seen.sum(axis=1)
     if len(surveys) == 1:
         return np.ones(len(seen))
+    viewed = _viewed(history)
+    chance_m2 = np.pi * (GATE * history.spacing) ** 2
     ground_m2 = max(survey.ground_m2 for survey in surveys)
     probability = (times > 1).astype(np.float64)
     for _ in range(REFINED):
@@ -158,14 +171,24 @@ def _probability(surveys: Sequence[Laid], detection: IntArray, covered: BoolArra
         missing = np.ones(seen.shape)
         for s, survey in enumerate(surveys):
             shown = seen[:, s]
-            known = probability * (covered[:, s] & (times > shown))
+            known = probability * (history.covered[:, s] & (times > shown))
             found = (known[shown].sum() + 1) / (known.sum() + 2)
-            missing[covered[:, s] & ~shown, s] = 1 - found
+            missing[~shown, s] = 1 - found * viewed[~shown, s]
             tree = np.zeros(len(survey.xy))
-            tree[detection[shown, s]] = probability[shown]
-            log_odds[shown] += np.log(found) - survey.log_strangers(tree)[detection[shown, s]]
+            tree[history.detection[shown, s]] = probability[shown]
+            log_odds[shown] += np.log(found) - survey.log_strangers(tree)[history.detection[shown, s]]
         probability = expit(log_odds + np.log(_stood(missing, seen)))
     return np.asarray(probability)
+
+
+def _viewed(history: History) -> FloatArray:
+    """How likely each survey viewed the place of each tree (t, s): what it covers, and around that as likely as not."""
+    place = np.nanmean(gathered([survey.xy for survey in history.surveys], history.detection), axis=1)
+    viewed = history.covered.astype(np.float64)
+    for s, survey in enumerate(history.surveys):
+        distance, _ = nearest(survey.tree, place, AROUND * history.spacing)
+        viewed[np.isfinite(distance) & (viewed[:, s] == 0), s] = 0.5
+    return viewed
 
 
 def _stood(missing: FloatArray, seen: BoolArray) -> FloatArray:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from treereg_core.features import FeatureSet, IntArray
+from treereg_core.features import FeatureSet, IntArray, frozen_array
 from treereg_core.footprint import Footprint
 from treereg_core.transform import Affine, FloatArray
 
@@ -25,7 +25,7 @@ class Laid:
     """One survey laid on the first one; arrays have an entry for each tree, in the survey's order.
 
     `xy` (n, 2): where they stand there, metres; `log_area` (n,): natural logarithm of the crown over the survey's
-    median; `confidence` (n,); `ground`: what the survey covers there.
+    median, or over what trees in common say (`sized`); `confidence` (n,); `ground`: what the survey covers there.
     """
 
     xy: FloatArray
@@ -34,12 +34,16 @@ class Laid:
     ground: Footprint
 
     @classmethod
-    def of(cls, features: FeatureSet, first_from_survey: Affine) -> Laid:
-        """A survey's trees under the transform that takes it to the first one."""
-        xy = first_from_survey(features.xy)
+    def of(cls, features: FeatureSet, first_from_survey: Affine, spacing: float) -> Laid:
+        """A survey's trees under the transform that takes it to the first one, where trees are so many metres apart."""
+        xy = frozen_array(first_from_survey(features.xy))
         log_area = np.log(features.area)
-        ground = Footprint.of(xy, REACH * max(features.spacing * first_from_survey.scale, 1e-3))
-        return cls(xy, log_area - np.median(log_area), features.confidence, ground)
+        ground = Footprint.of(xy, REACH * spacing)
+        return cls(xy, frozen_array(log_area - np.median(log_area)), features.confidence, ground)
+
+    def sized(self, growth: float) -> Laid:
+        """The same survey with logarithms of crowns less this."""
+        return replace(self, log_area=frozen_array(self.log_area - growth))
 
     @cached_property
     def classes(self) -> IntArray:
@@ -50,11 +54,16 @@ class Laid:
     def around(self) -> IntArray:
         """The trees nearest to each tree (n, k), itself left aside."""
         count = min(AROUND + 1, len(self.xy))
-        tree = cKDTree(self.xy)
         near = np.empty((len(self.xy), count), dtype=np.int64)
         # asked in the order of space, which is much faster
-        near[tree.indices] = tree.query(self.xy[tree.indices], k=count)[1].reshape(-1, count)
+        order = self.tree.indices
+        near[order] = self.tree.query(self.xy[order], k=count)[1].reshape(-1, count)
         return near[:, 1:]
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """A k-d tree over `xy`, built once."""
+        return cKDTree(self.xy)
 
     @property
     def ground_m2(self) -> float:
@@ -69,12 +78,13 @@ class Laid:
         """
         found = np.full(len(tree), np.log((1 + float(np.sum(1 - tree))) / self.ground_m2))
         for classes in self.classes:
-            trees, strangers = (np.bincount(classes, weight, CLASSES) + 1 for weight in (tree, 1 - tree))
+            trees, strangers = (np.bincount(classes, weight, CLASSES) + 1 / CLASSES for weight in (tree, 1 - tree))
             found += np.log(strangers / strangers.sum() / (trees / trees.sum()))[classes]
         return found
 
 
 def _classes(values: FloatArray) -> IntArray:
-    """The class of each value by its rank, equally many in each."""
-    rank = np.argsort(np.argsort(values, kind="stable"), kind="stable")
-    return np.asarray(rank * CLASSES // max(len(rank), 1))
+    """The class of each value by its rank, equally many in each; equal values are of one class."""
+    _, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
+    middle = np.cumsum(counts) - counts / 2
+    return np.asarray(middle * CLASSES / max(len(values), 1), dtype=np.int64)[inverse]

@@ -44,15 +44,19 @@ ROUNDS, PASSES = 4, 3
 """So many rounds over all surveys at most, and so many passes over one: links tell offsets, and these tell links."""
 
 
-def link(surveys: Sequence[Laid], spacing: float) -> list[IntArray]:
-    """For each survey the number of the tree that each detection (n,) shows; a survey shows each tree once at most.
+def link(given: Sequence[Laid], spacing: float) -> tuple[list[Laid], list[IntArray]]:
+    """The surveys with all crowns as large as the first one's, and the number of the tree that each detection shows.
 
-    `spacing` is the distance between trees in metres. Trees are numbered from 0 in the order of the surveys that first
-    show them, and within a survey in its own order.
+    One array of numbers (n,) for each survey; a survey shows each tree once at most. `spacing` is the distance between
+    trees in metres. Trees are numbered from 0 in the order of the surveys that first show them, and within a survey in
+    its own order.
     """
+    surveys: list[Laid] = []
     numbers: list[IntArray] = []
-    for survey in surveys:
-        numbers.append(_numbered(survey, _Known.of(surveys[: len(numbers)], numbers), spacing))
+    for survey in given:
+        known = _Known.of(surveys, numbers)
+        numbers.append(_numbered(survey, known, spacing))
+        surveys.append(survey.sized(_growth(survey, known, numbers[-1])))
     for _ in range(ROUNDS):
         before = list(numbers)
         for k, survey in enumerate(surveys):
@@ -61,7 +65,7 @@ def link(surveys: Sequence[Laid], spacing: float) -> list[IntArray]:
         numbers = _from_zero(numbers)
         if all(np.array_equal(old, new) for old, new in zip(before, numbers, strict=True)):
             break
-    return numbers
+    return surveys, numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +110,14 @@ def _numbered(survey: Laid, known: _Known, spacing: float) -> IntArray:
     number = known.free + np.cumsum(tree < 0) - 1
     number[tree >= 0] = known.number[tree[tree >= 0]]
     return np.asarray(number, dtype=np.int64)
+
+
+def _growth(survey: Laid, known: _Known, number: IntArray) -> float:
+    """By how much crowns grew, logarithm: of the same trees, since the medians of surveys may be of other ones."""
+    _, tree, detection = np.intersect1d(known.number, number, return_indices=True)
+    if len(tree) < FEWEST:
+        return 0.0
+    return float(np.median(survey.log_area[detection] - known.log_area[tree]))
 
 
 def _assigned(survey: Laid, known: _Known, gate: float) -> IntArray:

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from treereg_core.errors import NoRegistration
-from treereg_core.features import FeatureSet, IntArray
+from treereg_core.features import FeatureSet, IntArray, frozen_array
 from treereg_core.method import Context, RowDetector
 from treereg_core.numbering import numbered
 from treereg_core.options import defaults
@@ -28,6 +28,10 @@ class Places:
 
     row: IntArray
     tree: IntArray
+
+    def __post_init__(self) -> None:
+        for name in ("row", "tree"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64))
 
     @property
     def rows(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,6 @@ from pathlib import Path
 from treereg_core import io
 from treereg_core.api import execute
 from treereg_core.errors import InputError, UsageError
-from treereg_core.features import FeatureSet
 from treereg_core.method import silent
 from treereg_core.options import Options
 from treereg_core.pipeline import Clock
@@ -17,7 +17,6 @@ from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
 from treereg_core.result import Result
 from treereg_core.series.history import History
-from treereg_core.series.laid import Laid
 from treereg_core.series.places import Places
 from treereg_core.settings import record
 from treereg_core.survey import Frame, Survey
@@ -28,7 +27,7 @@ from treereg_core.transform import Affine, Rigid
 class Member:
     """One survey of a series and what came of it.
 
-    `survey` is None for one that cannot be read, and `problem` the sentence that says why. `result` is its registration
+    `survey` is None for one that cannot be used, and `problem` the sentence that says why. `result` is its registration
     onto the first survey; None for that one.
     """
 
@@ -40,7 +39,7 @@ class Member:
     @property
     def name(self) -> str:
         """The name of its folder."""
-        return self.folder.absolute().name
+        return name_of(self.folder)
 
     @property
     def transform(self) -> Affine | None:
@@ -51,9 +50,9 @@ class Member:
 
     @property
     def word(self) -> str:
-        """`reference`, the verdict, or `unreadable`."""
+        """`reference`, the verdict, or `unusable`."""
         if self.survey is None:
-            return "unreadable"
+            return "unusable"
         return self.result.judgement.verdict.value if self.result else "reference"
 
 
@@ -104,16 +103,26 @@ def register_series(
     return carry_out(plan_for(options, installed()), folders)
 
 
+def name_of(folder: Path) -> str:
+    """The name of a survey folder, also of one that is given as `.` or by a path through `..`."""
+    return Path(os.path.abspath(folder)).name
+
+
 def check_folders(folders: Sequence[Path]) -> None:
-    """Raise `UsageError` unless these are two folders or more, of different names."""
+    """Raise `UsageError` unless these are two folders or more, each given once, of different names that can be told."""
     if len(folders) < 2:
         raise UsageError("a series is of two surveys or more; give their folders in the order of time.")
     for k, folder in enumerate(folders):
+        name = name_of(folder)
         if not folder.is_dir():
             raise UsageError(f"{folder} is not a folder; give survey folders in the order of time.")
-        twin = next((other for other in folders[:k] if other.absolute().name == folder.absolute().name), None)
-        if twin is not None:
-            raise UsageError(f"{twin} and {folder} have the same name, which tells surveys apart; rename one of them.")
+        if not name or not name.isprintable() or name.startswith("."):
+            raise UsageError(f"{folder} has no name that surveys can be told apart by; rename it.")
+        for other in folders[:k]:
+            if other.resolve() == folder.resolve():
+                raise UsageError(f"{other} and {folder} are one folder; give each survey once.")
+            if name_of(other) == name:
+                raise UsageError(f"{other} and {folder} have the same name, which tells surveys apart; rename one.")
 
 
 def carry_out(
@@ -127,33 +136,31 @@ def carry_out(
     members: list[Member] = []
 
     def said(text: str) -> None:
-        progress(f"[{len(members) + 1}/{len(folders)}] {folders[len(members)].name}: {text}")
+        progress(f"[{len(members) + 1}/{len(folders)}] {name_of(folders[len(members)])}: {text}")
 
-    for folder, read in zip(folders, io.read_series(folders, confidence_property=confidence_property), strict=True):
+    surveys = io.read_series(folders, confidence_property=confidence_property)
+    for folder in folders:
         said("read")
-        members.append(_member(plan, folder, read, members[0] if members else None, said))
+        members.append(_member(plan, folder, next(surveys), members, said))
         done(members[-1])
     progress("trees")
-    accepted = [member for member in members if member.transform is not None]
-    laid = [Laid.of(_trees(member), member.transform) for member in accepted if member.transform is not None]
-    history = History.of(laid, _trees(members[0]).spacing)
+    history = History.of([(m.survey.features, m.transform) for m in members if m.survey and m.transform])
     return Series(plan, tuple(members), history, Places.of(history, plan, progress))
 
 
 def _member(
-    plan: Plan, folder: Path, read: Survey | InputError, first: Member | None, progress: Callable[[str], None]
+    plan: Plan, folder: Path, read: Survey | InputError, before: Sequence[Member], progress: Callable[[str], None]
 ) -> Member:
-    """What comes of one survey."""
+    """What comes of one survey after others."""
     if isinstance(read, InputError):
         return Member(folder, problem=str(read))
-    if first is None or first.survey is None:
+    twin = next((member for member in before if member.survey and member.survey.digest == read.digest), None)
+    if twin:
+        return Member(folder, problem=f"{read.detections} holds the detections of {twin.name} again; give each once.")
+    if not before:
         return Member(folder, read)
+    assert before[0].survey is not None
     try:
-        return Member(folder, read, execute(plan, (first.survey, read), Clock(), progress))
+        return Member(folder, read, execute(plan, (before[0].survey, read), Clock(), progress))
     except InputError as error:
         return Member(folder, problem=str(error))
-
-
-def _trees(member: Member) -> FeatureSet:
-    assert member.survey is not None
-    return member.survey.features

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from treereg_icp import ConfidenceFilter, Icp
 from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet
 from treereg_core.method import Context
-from treereg_core.pair import MatchedRows, Pair
+from treereg_core.pair import MatchedRows, Pair, Rows
 from treereg_core.simulate import Scene, simulate
 from treereg_core.testing import scenes
 from treereg_core.testing.laws.wholes import wrong_starts
@@ -100,12 +101,37 @@ def test_matched_rows_confine_the_pairs_and_one_transform_is_fitted_over_all() -
     truth = Rigid.turn(5.0, shift=(1.0, 2.0))
     start = scenes.small_motion(survey.xy, survey.spacing) @ truth
     pair = matched(scenes.copies(survey, truth).at(start), 0)
-    found = Icp().register(pair, CONTEXT)
+    found = Icp(elsewhere=0).register(pair, CONTEXT)
     np.testing.assert_allclose(found.transform(pair.source.xy), truth(pair.source.xy), atol=1e-3)
     assert pair.rows is not None
     row_of = {tree: k for k, row in enumerate(pair.rows.reference.trees) for tree in row.tolist()}
     assert all(row_of[a] == row_of[b] for a, b in found.pairs.tolist())
     assert len({row_of[a] for a, _ in found.pairs.tolist()}) == len(pair.rows.matches)
+
+
+def without_thirds(rows: Rows) -> Rows:
+    """Rows that lost every third tree."""
+    return Rows(tuple(row[np.arange(len(row)) % 3 > 0] for row in rows.trees))
+
+
+def changing_lanes(rows: Rows) -> Rows:
+    """Rows that go on, from their middle, where the next one does."""
+    begun, ended = zip(*(np.array_split(row, 2) for row in rows.trees), strict=True)
+    return Rows(tuple(np.concatenate(halves) for halves in zip(begun, (*ended[1:], ended[0]), strict=True)))
+
+
+@pytest.mark.parametrize("spoilt", [without_thirds, changing_lanes])
+def test_where_rows_are_wrong_the_right_pairs_are_found_in_the_end(spoilt: Callable[[Rows], Rows]) -> None:
+    survey = scenes.ordinary().reference
+    truth = Rigid.turn(5.0, shift=(1.0, 2.0))
+    start = scenes.small_motion(survey.xy, survey.spacing) @ truth
+    pair = matched(scenes.copies(survey, truth).at(start), 0)
+    assert pair.rows is not None
+    pair = replace(pair, rows=replace(pair.rows, source=spoilt(pair.rows.source)))
+    confined, found = Icp(elsewhere=0).register(pair, CONTEXT), Icp().register(pair, CONTEXT)
+    assert confined.weights.sum() < 0.8 * len(survey)
+    assert found.weights.sum() > 0.95 * len(survey)
+    np.testing.assert_allclose(found.transform(pair.source.xy), truth(pair.source.xy), atol=1e-3)
 
 
 def test_rows_matched_with_the_next_leave_nothing_within_reach() -> None:

@@ -16,7 +16,7 @@ APART = 1e7
 
 @dataclass(frozen=True, eq=False)
 class Confined:
-    """Trees, and the number (n,) of the matched row that each stands in."""
+    """Trees, and the number (n,) of the matched row that each stands in; negative for a tree in none."""
 
     features: FeatureSet
     row: FloatArray
@@ -27,13 +27,14 @@ class Confined:
 
 
 def confined(pair: Pair) -> tuple[Confined, Confined]:
-    """All trees of both surveys, or those of matched rows, labelled by their match."""
+    """Reference and source, labelled by the match of each tree's row; all alike when no rows are matched."""
     rows = pair.rows
     if rows is None or len(rows.matches) == 0:
         return _everywhere(pair.reference), _everywhere(pair.source)
+    # Trees in no matched row differ from all others, those of the other survey included.
     return (
-        _labelled(pair.reference, rows.reference, rows.matches[:, 0]),
-        _labelled(pair.source, rows.source, rows.matches[:, 1]),
+        _labelled(pair.reference, rows.reference, rows.matches[:, 0], -1.0),
+        _labelled(pair.source, rows.source, rows.matches[:, 1], -2.0),
     )
 
 
@@ -41,8 +42,10 @@ def _everywhere(features: FeatureSet) -> Confined:
     return Confined(features, np.zeros(len(features)))
 
 
-def _labelled(features: FeatureSet, rows: Rows, which: IntArray) -> Confined:
+def _labelled(features: FeatureSet, rows: Rows, which: IntArray, none: float) -> Confined:
     trees = [rows.trees[k] for k in which]
-    label = np.repeat(np.arange(len(which)), [len(row) for row in trees])
+    match = np.repeat(np.arange(len(which)), [len(row) for row in trees])
     at = features.positions(np.concatenate(trees))
-    return Confined(features.take(at[at >= 0]), label[at >= 0].astype(np.float64))
+    label = np.full(len(features), none)
+    label[at[at >= 0]] = match[at >= 0]
+    return Confined(features, label)

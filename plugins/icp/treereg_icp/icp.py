@@ -28,7 +28,9 @@ class Icp(PointMatcher):
     sure; near trees with crowns of like size, growth aside, win. The spread of the residuals is fitted too, so that
     the reach shrinks by itself as the fit gets better. Maps are sometimes bent against each other: where neighbouring
     residuals agree more than chance allows, trees look for their partners where the bend puts them; what is fitted
-    stays one transform over all of them. When rows are matched, a tree is sought in the partner row only.
+    stays one transform over all of them. When rows are matched, a tree is sought in the partner row only until nothing
+    moves; then elsewhere too, since detected rows lose trees and change to a twin row at gaps, but there a partner must
+    be so much likelier by itself.
 
     Good when the start is within half the tree spacing everywhere: it then ends within a few per cent of a fit to the
     true pairs. It is blind to the lattice: from a start further off it ends one tree or one row over with a perfect
@@ -58,6 +60,12 @@ class Icp(PointMatcher):
         description="width of the window whose mean residual is taken for a bend, as a standard deviation",
         json_schema_extra={"unit": "tree spacings"},
     )
+    elsewhere: float = Field(
+        0.1,
+        ge=0,
+        le=1,
+        description="odds of a partner outside the partner row, against one in it, once that has settled; 0: never",
+    )
     rounds: int = Field(60, ge=1, le=1000, description="most rounds before it stops")
 
     def register(self, pair: Pair, context: Context) -> Registration:
@@ -68,15 +76,15 @@ class Icp(PointMatcher):
         reference, source = confined(pair)
         if min(len(reference.features), len(source.features)) < 3 or pair.reference.spacing == 0:
             raise NoRegistration("there are too few trees to match")
-        weights = Weights(self.reach * pair.reference.spacing, self.confidence_weight, self.crown_weight)
-        search = Search(weights, reference, source, context.threads)
         transform, pairs = pair.reference_from_source, None
-        for _ in range(self.rounds):
-            moved = transform(source.features.xy)
-            pairs = search.pairs(moved, pairs)
-            transform = pairs.fit(context.model)
-            if np.abs(transform(source.features.xy) - moved).max() < SETTLED:
-                break
+        for elsewhere in dict.fromkeys((0.0, self.elsewhere if pair.rows else 0.0)):
+            search = Search(self._weights(pair, elsewhere), reference, source, context.threads)
+            for _ in range(self.rounds):
+                moved = transform(source.features.xy)
+                pairs = search.pairs(moved, pairs)
+                transform = pairs.fit(context.model)
+                if np.abs(transform(source.features.xy) - moved).max() < SETTLED:
+                    break
         assert pairs is not None
         for _ in range(self.bends):
             moved = transform(source.features.xy)
@@ -89,3 +97,6 @@ class Icp(PointMatcher):
             transform = pairs.fit(context.model)
         ids = np.column_stack([reference.features.ids[pairs.i], source.features.ids[pairs.j]])
         return Registration(transform, ids, pairs.weight)
+
+    def _weights(self, pair: Pair, elsewhere: float) -> Weights:
+        return Weights(self.reach * pair.reference.spacing, self.confidence_weight, self.crown_weight, elsewhere)

@@ -26,11 +26,15 @@ TYPICAL = 1.4
 
 @dataclass(frozen=True)
 class Weights:
-    """What counts in a pair: `reach` in metres, and the powers of confidence and of likeness of crowns."""
+    """What counts in a pair: `reach` in metres, and the powers of confidence and of likeness of crowns.
+
+    `elsewhere`: the odds of a pair outside matched rows against one in them; 0: never.
+    """
 
     reach: float
     confidence: float
     crown: float
+    elsewhere: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +66,19 @@ class Search:
         self.weights, self.reference, self.source, self.threads = weights, reference, source, threads
         self.reach = weights.reach
         self.strange = self._strange(reference.features), self._strange(source.features)
-        self.tree = cKDTree(reference.points(reference.features.xy))
+        self.tree = cKDTree(self._places(reference, reference.features.xy))
 
     def pairs(self, moved: FloatArray, before: Pairs | None) -> Pairs:
         """All pairs within reach when the source's trees stand at `moved`, each with its probability as weight."""
         reference, source = self.reference.features, self.source.features
         sigma = before.sigma if before else self.reach / 2
-        distance, target = nearest(self.tree, self.source.points(moved), self.reach, NEAREST, self.threads)
+        places = self._places(self.source, moved)
+        distance, target = nearest(self.tree, places, self.reach, NEAREST, self.threads)
         j, column = np.nonzero(target < self.tree.n)
         i, square = target[j, column], distance[j, column] ** 2
         stranger = STRANGERS * 2 * sigma**2 / self.reach**2 * self.strange[0][i] * self.strange[1][j]
         odds = np.exp(-square / (2 * sigma**2))
+        odds *= np.where(self.reference.row[i] == self.source.row[j], 1.0, self.weights.elsewhere)
         odds *= self._likeness(reference.area[i] / source.area[j], odds / (odds + stranger))
         rivals = np.bincount(i, odds, len(reference))[i] + np.bincount(j, odds, len(source))[j] - odds
         probability = odds / (rivals + stranger)
@@ -80,6 +86,10 @@ class Search:
             raise NoRegistration("no trees of the two surveys are within reach of each other")
         sigma = max(float(np.sqrt(probability @ square / (2 * probability.sum()))), LEAST_SIGMA * self.reach)
         return Pairs(self, i, j, reference.weight[i] * source.weight[j] * probability, sigma)
+
+    def _places(self, trees: Confined, xy: FloatArray) -> FloatArray:
+        """Where trees are sought, rows apart when no tree has a partner outside its own."""
+        return trees.points(xy) if self.weights.elsewhere == 0 else xy
 
     def _strange(self, features: FeatureSet) -> FloatArray:
         """How much likelier each tree is a stranger than the survey's typical one."""

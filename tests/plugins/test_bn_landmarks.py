@@ -156,6 +156,29 @@ def test_rows_of_the_chosen_alone_say_nothing_on_the_others(orchard: Path, tmp_p
     assert np.mean(changed) < 0.01
 
 
+def test_with_a_threshold_all_but_unlikely_trees_go_on_and_keep_their_weights(noisy: list[Simulation]) -> None:
+    for simulation in noisy:
+        pair = scenes.near(simulation)
+        truth = true_landmarks(simulation)
+        kept = Landmarks(threshold=0.3).select(pair, CONTEXT)
+        for before, after, true in zip(
+            (pair.reference, pair.source), (kept.reference, kept.source), truth, strict=True
+        ):
+            assert (after.weight == 1).all()
+            passed = np.isin(before.ids, after.ids)
+            assert passed[true].mean() > 0.95
+            assert passed[~true].mean() < 0.8
+        everything = Landmarks(threshold=0.0).select(pair, CONTEXT)
+        assert len(everything.source) == len(pair.source)
+
+
+def test_a_threshold_that_few_reach_gives_way_to_the_share(noisy: list[Simulation]) -> None:
+    pair = scenes.near(noisy[0])
+    kept = Landmarks(threshold=1.0, share=0.4).select(pair, CONTEXT)
+    for before, after in ((pair.reference, kept.reference), (pair.source, kept.source)):
+        assert 0.4 * len(before) <= len(after) < 0.5 * len(before)
+
+
 def test_the_chosen_span_the_orchard(noisy: list[Simulation]) -> None:
     for simulation in noisy:
         pair = scenes.near(simulation)
@@ -188,6 +211,16 @@ def test_rows_and_memory_are_evidence() -> None:
     assert landmark(earlier="no") < landmark() < landmark(earlier="yes")
     assert landmark(partner="nothing", their="none") < landmark(partner="close_like", their="good")
     assert landmark(confidence="lowest") < landmark(confidence="highest")
+
+
+def test_what_stands_there_may_be_unknown() -> None:
+    table = network.posterior(network.none())
+    seen = np.array([[len(STATES[node]) // 2 for node in EVIDENCE]] * 2)
+    for node, states in {"partner": ("nothing", "close_like"), "their": ("none", "good")}.items():
+        seen[:, EVIDENCE.index(node)] = [STATES[node].index(state) for state in states]
+    (_, nothing), (_, partner) = network.look_up(table, seen)
+    unknown = network.look_up(table, network.partners_unknown(seen))[:, 1]
+    assert nothing < unknown[0] == unknown[1] < partner
 
 
 def test_detected_rows_are_looked_at() -> None:

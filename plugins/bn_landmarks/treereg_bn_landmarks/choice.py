@@ -42,6 +42,12 @@ def choose(sides: tuple[Side, Side], probability: tuple[FloatArray, FloatArray],
     return tuple(chosen)
 
 
+def passing(probability: FloatArray, threshold: float, least: float) -> BoolArray:
+    """Which trees (n,) are at least so probable, and at least so large a share of them, the most probable; ties all."""
+    count = int(np.ceil(least * len(probability)))
+    return np.asarray(probability >= min(threshold, np.sort(probability)[-count]))
+
+
 def _cells(sides: tuple[Side, Side], points: FloatArray) -> IntArray:
     """The cell (n,) of each point, in a grid that turns with the planting and has the orchard's middle in the centre.
 

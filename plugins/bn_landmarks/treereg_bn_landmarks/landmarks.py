@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from treereg_bn_landmarks.choice import choose
+from treereg_bn_landmarks.choice import choose, passing
 from treereg_bn_landmarks.counting import count, tempered
 from treereg_bn_landmarks.evidence import Side, evidence, footprint, sides
 from treereg_bn_landmarks.memory import NAME, Memory
-from treereg_bn_landmarks.network import look_up, none, posterior, xmlbif
+from treereg_bn_landmarks.network import look_up, none, partners_unknown, posterior, xmlbif
 from treereg_bn_landmarks.structure import NETWORK
 from treereg_core.errors import NoRegistration
 from treereg_core.features import IntArray
@@ -33,6 +33,10 @@ class Landmarks(FeatureFilter, Learner):
     together and spread over the orchard, so that they fix the rotation; each tree's weight is multiplied by its
     probability. That of every tree, at the judged placement, stands in the registered files as `landmark_probability`.
 
+    So few trees fix the transform less well than all of them. With a threshold all but the unlikely ones go on, with
+    the weights they had. The network is then not asked what stands there in the other survey: the matcher weighs that
+    itself, and counted twice it would hold the fit to where it started.
+
     Good when the start is within about a third of the in-row spacing. From farther off few trees have partners, and
     the probabilities say so. What is learned of an orchard changes the network's tables, and adds which single trees
     earlier surveys had.
@@ -43,15 +47,27 @@ class Landmarks(FeatureFilter, Learner):
     network = NETWORK
 
     share: float = Field(0.2, gt=0, le=1, description="share of each survey's trees that goes on, the most probable")
+    threshold: float | None = Field(
+        None,
+        ge=0,
+        le=1,
+        description="instead: trees of at least this probability, their own survey and those around told, go on, with "
+        "the weights they had; `share` is then the least that does",
+    )
 
     def select(self, pair: Pair, context: Context) -> Pair:
         """The most probable landmarks of both surveys. Raises `NoRegistration` when nothing can be chosen."""
         both = sides(pair, context.threads)
-        found = _probabilities(pair, both, context)
+        found = _probabilities(pair, both, context, partners=self.threshold is None)
+        if self.threshold is None:
+            chosen, weights = choose(both, found, self.share), found
+        else:
+            chosen = tuple(passing(p, self.threshold, self.share) for p in found)
+            weights = np.ones_like(found[0]), np.ones_like(found[1])
         kept = []
-        for side, probability, mask in zip(both, found, choose(both, found, self.share), strict=True):
+        for side, probability, weight, mask in zip(both, found, weights, chosen, strict=True):
             features = side.features.take(mask)
-            kept.append(features.replace(weight=features.weight * probability[mask]))
+            kept.append(features.replace(weight=features.weight * weight[mask]))
         return pair.narrow(*kept)
 
     def describe(self, pair: Pair, context: Context) -> Described:
@@ -97,10 +113,15 @@ def probabilities(pair: Pair, context: Context) -> tuple[FloatArray, FloatArray]
     return _probabilities(pair, sides(pair, context.threads), context)
 
 
-def _probabilities(pair: Pair, both: tuple[Side, Side], context: Context) -> tuple[FloatArray, FloatArray]:
+def _probabilities(
+    pair: Pair, both: tuple[Side, Side], context: Context, partners: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """P(landmark) of all trees; without `partners`, what stands there in the other survey counts as unknown."""
     memory = Memory.of(context.memory.get(NAME, {}))
     table = posterior(memory.counts)
     reference, source = _all_evidence(pair, both, memory, context.home_from_reference)
+    if not partners:
+        reference, source = partners_unknown(reference), partners_unknown(source)
     return look_up(table, reference)[:, 1], look_up(table, source)[:, 1]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from treereg_bn_landmarks.structure import EVIDENCE, OPTIONAL, PARENTS, STATES, shape
+from treereg_bn_landmarks.structure import EVIDENCE, OF_PARTNERS, OPTIONAL, PARENTS, STATES, shape
 from treereg_core.features import IntArray, frozen_array
 from treereg_core.transform import FloatArray
 
@@ -87,6 +87,14 @@ def _tabulated(probabilities: bytes) -> FloatArray:
 def look_up(table: FloatArray, evidence: IntArray) -> FloatArray:
     """P(real) and P(landmark) (n, 2) of trees with this evidence (n, nodes), in a table from `posterior`."""
     return np.asarray(table[tuple(evidence.T)])
+
+
+def partners_unknown(evidence: IntArray) -> IntArray:
+    """The same evidence (n, nodes), less what stands there in the other survey."""
+    less = evidence.copy()
+    for node in OF_PARTNERS:
+        less[:, EVIDENCE.index(node)] = len(STATES[node])
+    return less
 
 
 def xmlbif(learned: Counts) -> str:

@@ -74,7 +74,9 @@ agreement and size, and what earlier surveys had there on what stands there now.
 STATES: Mapping[str, tuple[str, ...]] = MappingProxyType({node.name: node.states for node in NETWORK.nodes})
 PARENTS: Mapping[str, tuple[str, ...]] = MappingProxyType({node.name: node.parents for node in NETWORK.nodes})
 EVIDENCE = tuple(node.name for node in NETWORK.nodes if not node.hidden)
-OPTIONAL = ("row", "earlier")
+OF_PARTNERS = ("partner", "their")
+"""Evidence on what stands there in the other survey."""
+OPTIONAL = ("row", "earlier", *OF_PARTNERS)
 """Evidence that may be unknown: then its index is the number of its states."""
 
 shape = NETWORK.shape

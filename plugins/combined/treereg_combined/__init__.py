@@ -10,6 +10,7 @@ COMBINED = Recipe(
     expression="aco+bn_rows+bn_landmarks+icp",
     description="ant-colony rows of all trees, matched by a network, ICP within the row pairs on a network's landmarks "
     "(treereg's founding proposal, section 3.3.3)",
+    settings={"bn_landmarks": {"threshold": 0.15}},
 )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import accuracy, calibration, methods
+from benchmarks import accuracy, calibration, comparison, methods
 from benchmarks.starts import brought_near, is_near, row_ends
 from benchmarks.table import upper_bound, wilson
 from benchmarks.trial import Conditions, Trial, append, is_right, plan, read_trials, run_trial, write_header
@@ -183,3 +183,49 @@ def test_methods_stand_side_by_side(tmp_path, monkeypatch, capsys):
     assert " ".join(lines["coarse: icp"][1:]) == "2 50.0 % 50.0 % 2.00 0.0 % 1 90.55 % 0 nan"
     assert lines["identity: aco"][1:5] == ["3", "66.7", "%", "33.3"]
     assert lines["identity, near: aco"][2:6] == ["2", "100.0", "%", "50.0"]
+
+
+def write(path, trials):
+    write_header(path)
+    for trial in trials:
+        append(path, trial)
+
+
+def test_methods_are_compared_on_the_seeds_that_all_tried(tmp_path, monkeypatch, capsys):
+    icp = [replace(TRIAL, seed=k, error=0.01 * (k + 1), fit_error=0.01) for k in range(9)]
+    aco = [replace(trial, method="aco", error=2 * trial.error) for trial in icp]
+    aco[0] = replace(aco[0], right=False)
+    combined = [replace(trial, method="combined", error=trial.error / 2) for trial in icp[:8]]
+    path = tmp_path / "trials.csv"
+    write(path, [*icp, *aco, *combined])
+    monkeypatch.setattr(sys, "argv", ["comparison", str(path), "--against", "icp", "--against", "aco"])
+    assert comparison.main() == 0
+    out = capsys.readouterr().out
+    lines = {line.split()[1]: line.split()[2:] for line in out.splitlines() if line.startswith("shift_3")}
+    assert " ".join(lines["icp"][:9]) == "8 100.0 % 67.6 to 100.0 % 0 4.50"
+    assert lines["icp"][-1] == "*"
+    assert " ".join(lines["aco"][:9]) == "8 87.5 % 52.9 to 97.8 % 1 10.00"
+    assert " ".join(lines["aco"][-6:]) == "2.00 2.00 to 2.00 0 1"
+    assert " ".join(lines["combined"][-6:]) == "0.50 0.50 to 0.50 0 0"
+    monkeypatch.setattr(sys, "argv", ["comparison", str(tmp_path / "none.csv")])
+    assert comparison.main() == 2
+
+
+def test_a_method_that_is_never_right_has_no_ratio():
+    wrong = [replace(TRIAL, seed=k, right=False, verdict="failed") for k in range(3)]
+    right = [replace(TRIAL, seed=k, method="aco", error=0.02, fit_error=0.01) for k in range(3)]
+    lines = comparison.report([*wrong, *right, replace(TRIAL, family="different")]).splitlines()[2:]
+    assert [line.split()[:2] for line in lines] == [["shift_3", "icp"], ["shift_3", "aco"]]
+    assert lines[0].split()[-6:] == ["-", "-", "-", "-", "0", "3"]
+
+
+def test_the_bootstrap_covers_the_ratio_of_medians_as_often_as_it_says():
+    rng = np.random.default_rng(3)
+    covered = []
+    for _ in range(200):
+        pairs = np.exp(0.3 * rng.standard_normal((60, 2))) * (1.2, 1.0)
+        ratio, interval = comparison.with_interval(pairs, comparison.of_medians)
+        low, _, high = interval.split()
+        assert float(low) <= float(ratio) <= float(high)
+        covered.append(float(low) - 0.005 <= 1.2 <= float(high) + 0.005)
+    assert 0.9 < np.mean(covered) <= 0.99

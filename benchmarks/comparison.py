@@ -1,0 +1,134 @@
+"""Methods against each other, family by family, with how far each figure could be due to chance.
+
+    python -m benchmarks.accuracy --method aco+icp --seeds 50 --out aco-icp.csv  # and so on
+    python -m benchmarks.comparison *.csv --against icp --against aco
+
+Reads what `benchmarks.accuracy --out` wrote. Of each family only the seeds that all methods tried count. Every method
+is also compared, seed by seed, with the best of those given with `--against`, all when none are: the one that is right
+most often there, and of several the one with the least error. Chosen for having done best, it has luck on its side.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.table import percent, table, wilson
+from benchmarks.trial import CRASHED, Trial, read_trials
+from treereg_core.errors import UsageError
+from treereg_core.simulate import FAMILIES
+from treereg_core.transform import FloatArray
+
+DRAWS = 2000
+HEADER = ("family", "method", "trials", "right", "95 %", "silent", "ratio", "95 %", "to best", "95 %", "won", "lost")
+LEGEND = """\
+right        share of the trials, with its Wilson interval; silent: accepted though wrong, a count
+ratio        median error of the right over that of the fit with true pairs, with its bootstrap interval
+to best      geometric mean of the error over that of the best method of those compared with (*), where both are right,
+             with its bootstrap interval
+won, lost    trials that are right here and not there, and the other way round"""
+
+BySeed = Mapping[int, Trial]
+Statistic = Callable[[FloatArray], FloatArray]
+
+
+def main() -> int:
+    """Print a table for each start."""
+    parser = argparse.ArgumentParser(
+        "benchmarks.comparison", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE.csv", help="trials from benchmarks.accuracy --out")
+    parser.add_argument("--against", action="append", metavar="EXPR", help="compare with the best of these; repeatable")
+    options = parser.parse_args()
+    try:
+        trials = read_trials(options.files)
+    except UsageError as error:
+        print(error, file=sys.stderr)
+        return 2
+    for start in dict.fromkeys(trial.start for trial in trials):
+        print(f"From {start}:\n\n{report([t for t in trials if t.start == start], options.against)}\n")
+    print(LEGEND)
+    return 1 if any(trial.verdict == CRASHED for trial in trials) else 0
+
+
+def report(trials: Sequence[Trial], against: Sequence[str] | None = None) -> str:
+    """The table of trials from one start; families without a truth have nothing to compare, and are left out."""
+    lines = []
+    for name, family in FAMILIES.items():
+        methods: dict[str, dict[int, Trial]] = {}
+        for trial in trials:
+            if trial.family == name and family.group != "absent":
+                methods.setdefault(trial.method, {})[trial.seed] = trial
+        if not methods:
+            continue
+        shared = set.intersection(*(set(by_seed) for by_seed in methods.values()))
+        tried = {method: {seed: by_seed[seed] for seed in sorted(shared)} for method, by_seed in methods.items()}
+        best = best_of({method: tried[method] for method in tried if not against or method in against} or tried)
+        for method, by_seed in tried.items():
+            lines.append((name, *line(method, by_seed, None if method == best else tried[best])))
+    return table(HEADER, lines)
+
+
+def best_of(tried: Mapping[str, BySeed]) -> str:
+    """The method that is right most often, and of several the one with the least median error."""
+
+    def quality(method: str) -> tuple[int, float]:
+        errors = [trial.error for trial in tried[method].values() if trial.right]
+        return len(errors), -float(np.median(errors)) if errors else 0.0
+
+    return max(tried, key=quality)
+
+
+def line(method: str, by_seed: BySeed, best: BySeed | None) -> tuple[str, ...]:
+    """The cells of a method, compared with the best one; `None` where it is the best itself."""
+    right = np.array([(t.error, t.fit_error) for t in by_seed.values() if t.right]).reshape(-1, 2)
+    low, high = wilson(len(right), len(by_seed))
+    paired, won, lost = ("*", ""), "", ""
+    if best is not None:
+        both = [(t.error, best[seed].error) for seed, t in by_seed.items() if t.right and best[seed].right]
+        paired = with_interval(np.array(both).reshape(-1, 2), of_geometric_means)
+        won = str(sum(t.right and not best[seed].right for seed, t in by_seed.items()))
+        lost = str(sum(best[seed].right and not t.right for seed, t in by_seed.items()))
+    return (
+        method,
+        str(len(by_seed)),
+        percent(len(right), len(by_seed)),
+        f"{100 * low:.1f} to {100 * high:.1f} %",
+        str(sum(t.accepted and not t.right for t in by_seed.values())),
+        *with_interval(right, of_medians),
+        *paired,
+        won,
+        lost,
+    )
+
+
+def of_medians(pairs: FloatArray) -> FloatArray:
+    """The ratio of the medians of pairs of errors (..., n, 2)."""
+    median = np.median(pairs, axis=-2)
+    return np.asarray(median[..., 0] / median[..., 1])
+
+
+def of_geometric_means(pairs: FloatArray) -> FloatArray:
+    """The ratio of the geometric means of pairs of errors (..., n, 2)."""
+    mean = np.log(pairs).mean(axis=-2)
+    return np.asarray(np.exp(mean[..., 0] - mean[..., 1]))
+
+
+def with_interval(pairs: FloatArray, statistic: Statistic) -> tuple[str, str]:
+    """A statistic of pairs of errors (n, 2) and its 95 % interval, as cells; dashes where there are none.
+
+    By the bootstrap (Efron 1979, doi:10.1214/aos/1176344552) with percentiles, from a fixed seed.
+    """
+    if not len(pairs):
+        return "-", "-"
+    drawn = np.random.default_rng(0).integers(len(pairs), size=(DRAWS, len(pairs)))
+    low, high = np.quantile(statistic(pairs[drawn]), (0.025, 0.975))
+    return f"{float(statistic(pairs)):.2f}", f"{low:.2f} to {high:.2f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

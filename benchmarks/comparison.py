@@ -5,7 +5,7 @@
 
 Reads what `benchmarks.accuracy --out` wrote. Of each family only the seeds that all methods tried count. Every method
 is also compared, seed by seed, with the best of those given with `--against`, all when none are: the one that is right
-most often there, and of several the one with the least error. Chosen for having done best, it has luck on its side.
+most often there, and of several the one with the least RMS error. Chosen for having done best, it has luck on its side.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ HEADER = ("family", "method", "trials", "right", "95 %", "silent", "ratio", "95 
 LEGEND = """\
 right        share of the trials, with its Wilson interval; silent: accepted though wrong, a count
 ratio        median error of the right over that of the fit with true pairs, with its bootstrap interval
-to best      geometric mean of the error over that of the best method of those compared with (*), where both are right,
-             with its bootstrap interval
+to best      RMS of the errors over that of the best method of those compared with (*), where both are right, with its
+             bootstrap interval; an error near 0 is luck, and counts no more than it should
 won, lost    trials that are right here and not there, and the other way round"""
 
 BySeed = Mapping[int, Trial]
@@ -74,11 +74,11 @@ def report(trials: Sequence[Trial], against: Sequence[str] | None = None) -> str
 
 
 def best_of(tried: Mapping[str, BySeed]) -> str:
-    """The method that is right most often, and of several the one with the least median error."""
+    """The method that is right most often, and of several the one with the least RMS error."""
 
     def quality(method: str) -> tuple[int, float]:
-        errors = [trial.error for trial in tried[method].values() if trial.right]
-        return len(errors), -float(np.median(errors)) if errors else 0.0
+        square = [trial.error**2 for trial in tried[method].values() if trial.right]
+        return len(square), -float(np.mean(square)) if square else 0.0
 
     return max(tried, key=quality)
 
@@ -90,7 +90,7 @@ def line(method: str, by_seed: BySeed, best: BySeed | None) -> tuple[str, ...]:
     paired, won, lost = ("*", ""), "", ""
     if best is not None:
         both = [(t.error, best[seed].error) for seed, t in by_seed.items() if t.right and best[seed].right]
-        paired = with_interval(np.array(both).reshape(-1, 2), of_geometric_means)
+        paired = with_interval(np.array(both).reshape(-1, 2), of_rms)
         won = str(sum(t.right and not best[seed].right for seed, t in by_seed.items()))
         lost = str(sum(best[seed].right and not t.right for seed, t in by_seed.items()))
     return (
@@ -112,10 +112,10 @@ def of_medians(pairs: FloatArray) -> FloatArray:
     return np.asarray(median[..., 0] / median[..., 1])
 
 
-def of_geometric_means(pairs: FloatArray) -> FloatArray:
-    """The ratio of the geometric means of pairs of errors (..., n, 2)."""
-    mean = np.log(pairs).mean(axis=-2)
-    return np.asarray(np.exp(mean[..., 0] - mean[..., 1]))
+def of_rms(pairs: FloatArray) -> FloatArray:
+    """The ratio of the root mean squares of pairs of errors (..., n, 2)."""
+    square = (pairs**2).mean(axis=-2)
+    return np.asarray(np.sqrt(square[..., 0] / square[..., 1]))
 
 
 def with_interval(pairs: FloatArray, statistic: Statistic) -> tuple[str, str]:

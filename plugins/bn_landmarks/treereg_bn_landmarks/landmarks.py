@@ -35,7 +35,7 @@ class Landmarks(FeatureFilter, Learner):
 
     So few trees fix the transform less well than all of them. With a threshold all but the unlikely ones go on, with
     the weights they had. The network is then not asked what stands there in the other survey: the matcher weighs that
-    itself, and counted twice it would hold the fit to where it started.
+    itself, and counted twice it would favour pairs that happen to lie close.
 
     Good when the start is within about a third of the in-row spacing. From farther off few trees have partners, and
     the probabilities say so. What is learned of an orchard changes the network's tables, and adds which single trees
@@ -51,8 +51,8 @@ class Landmarks(FeatureFilter, Learner):
         None,
         ge=0,
         le=1,
-        description="instead: trees of at least this probability, their own survey and those around told, go on, with "
-        "the weights they had; `share` is then the least that does",
+        description="instead: trees go on that are at least so probable by all but what stands there in the other "
+        "survey, with the weights they had; `share` is then the least that goes on",
     )
 
     def select(self, pair: Pair, context: Context) -> Pair:

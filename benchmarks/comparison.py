@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,8 @@ to best      RMS of the errors over that of the best method of those compared wi
              bootstrap interval; an error near 0 is luck, and counts no more than it should
 won, lost    trials that are right here and not there, and the other way round"""
 
-BySeed = Mapping[int, Trial]
+Task = tuple[str, int]
+ByTask = Mapping[Task, Trial]
 Statistic = Callable[[FloatArray], FloatArray]
 
 
@@ -57,23 +58,30 @@ def main() -> int:
 
 def report(trials: Sequence[Trial], against: Sequence[str] | None = None) -> str:
     """The table of trials from one start; families without a truth have nothing to compare, and are left out."""
+    names = [name for name in FAMILIES if any(trial.family == name for trial in trials)]
+    names = [name for name in names if FAMILIES[name].group != "absent"]
+    parts = [(name, [name]) for name in names]
+    for group in dict.fromkeys(FAMILIES[name].group for name in names):
+        parts.append((f"all {group}", [name for name in names if FAMILIES[name].group == group]))
     lines = []
-    for name, family in FAMILIES.items():
-        methods: dict[str, dict[int, Trial]] = {}
-        for trial in trials:
-            if trial.family == name and family.group != "absent":
-                methods.setdefault(trial.method, {})[trial.seed] = trial
-        if not methods:
-            continue
-        shared = set.intersection(*(set(by_seed) for by_seed in methods.values()))
-        tried = {method: {seed: by_seed[seed] for seed in sorted(shared)} for method, by_seed in methods.items()}
+    for title, families in parts:
+        tried = shared([trial for trial in trials if trial.family in families])
         best = best_of({method: tried[method] for method in tried if not against or method in against} or tried)
-        for method, by_seed in tried.items():
-            lines.append((name, *line(method, by_seed, None if method == best else tried[best])))
+        for method, by_task in tried.items():
+            lines.append((title, *line(method, by_task, None if method == best else tried[best])))
     return table(HEADER, lines)
 
 
-def best_of(tried: Mapping[str, BySeed]) -> str:
+def shared(trials: Iterable[Trial]) -> dict[str, ByTask]:
+    """By method, the trials of the families and seeds that all methods tried."""
+    tried: dict[str, dict[Task, Trial]] = {}
+    for trial in trials:
+        tried.setdefault(trial.method, {})[trial.family, trial.seed] = trial
+    tasks = sorted(set.intersection(*(set(by_task) for by_task in tried.values())))
+    return {method: {task: by_task[task] for task in tasks} for method, by_task in tried.items()}
+
+
+def best_of(tried: Mapping[str, ByTask]) -> str:
     """The method that is right most often, and of several the one with the least RMS error."""
 
     def quality(method: str) -> tuple[int, float]:
@@ -83,22 +91,22 @@ def best_of(tried: Mapping[str, BySeed]) -> str:
     return max(tried, key=quality)
 
 
-def line(method: str, by_seed: BySeed, best: BySeed | None) -> tuple[str, ...]:
+def line(method: str, by_task: ByTask, best: ByTask | None) -> tuple[str, ...]:
     """The cells of a method, compared with the best one; `None` where it is the best itself."""
-    right = np.array([(t.error, t.fit_error) for t in by_seed.values() if t.right]).reshape(-1, 2)
-    low, high = wilson(len(right), len(by_seed))
+    right = np.array([(t.error, t.fit_error) for t in by_task.values() if t.right]).reshape(-1, 2)
+    low, high = wilson(len(right), len(by_task))
     paired, won, lost = ("*", ""), "", ""
     if best is not None:
-        both = [(t.error, best[seed].error) for seed, t in by_seed.items() if t.right and best[seed].right]
+        both = [(t.error, best[task].error) for task, t in by_task.items() if t.right and best[task].right]
         paired = with_interval(np.array(both).reshape(-1, 2), of_rms)
-        won = str(sum(t.right and not best[seed].right for seed, t in by_seed.items()))
-        lost = str(sum(best[seed].right and not t.right for seed, t in by_seed.items()))
+        won = str(sum(t.right and not best[task].right for task, t in by_task.items()))
+        lost = str(sum(best[task].right and not t.right for task, t in by_task.items()))
     return (
         method,
-        str(len(by_seed)),
-        percent(len(right), len(by_seed)),
+        str(len(by_task)),
+        percent(len(right), len(by_task)),
         f"{100 * low:.1f} to {100 * high:.1f} %",
-        str(sum(t.accepted and not t.right for t in by_seed.values())),
+        str(sum(t.accepted and not t.right for t in by_task.values())),
         *with_interval(right, of_medians),
         *paired,
         won,

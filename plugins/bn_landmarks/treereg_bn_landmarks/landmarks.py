@@ -65,7 +65,7 @@ class Landmarks(FeatureFilter, Learner):
             chosen = tuple(passing(p, self.threshold, self.share) for p in found)
             weights = np.ones_like(found[0]), np.ones_like(found[1])
         kept = []
-        for side, probability, weight, mask in zip(both, found, weights, chosen, strict=True):
+        for side, weight, mask in zip(both, weights, chosen, strict=True):
             features = side.features.take(mask)
             kept.append(features.replace(weight=features.weight * weight[mask]))
         return pair.narrow(*kept)

@@ -45,6 +45,10 @@ rows *arguments:
 series *arguments:
     uv run python -m benchmarks.series {{ arguments }}
 
+# What a memory brings from survey to survey, and what a hostile one costs: `just learning --seeds 50`
+learning *arguments:
+    uv run python -m benchmarks.learning {{ arguments }}
+
 # Seconds and memory over sizes of orchards
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}

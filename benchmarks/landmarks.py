@@ -28,15 +28,13 @@ from treereg_bn_landmarks.planting import Planting
 from treereg_bn_landmarks.structure import STATES
 
 from benchmarks.row_trial import timed
+from benchmarks.series_pairs import pair_of
 from benchmarks.table import percent, table, wilson
 from treereg_core.features import BoolArray, FeatureSet
 from treereg_core.method import Context, FeatureFilter
 from treereg_core.pair import MatchedRows, Pair
 from treereg_core.registry import installed
-from treereg_core.simulate import Scene, Simulation, simulate, simulate_family
-from treereg_core.simulate.detect import Visit, detect
-from treereg_core.simulate.orchard import plant
-from treereg_core.simulate.view import View
+from treereg_core.simulate import Scene, Seasons, Simulation, family_scene, simulate, simulate_family, simulate_series
 from treereg_core.testing.scenes import near
 from treereg_core.transform import FloatArray, Rigid
 
@@ -100,9 +98,9 @@ def found(simulation: Simulation, share: float) -> Found:
     )
 
 
-def chosen(method: FeatureFilter, pair: Pair) -> BoolArray:
+def chosen(method: FeatureFilter, pair: Pair, context: Context | None = None) -> BoolArray:
     """Which trees of reference and source, one after the other, a filter keeps."""
-    kept = method.select(pair, Context())
+    kept = method.select(pair, context or Context())
     return np.concatenate([np.isin(pair.reference.ids, kept.reference.ids), np.isin(pair.source.ids, kept.source.ids)])
 
 
@@ -180,9 +178,9 @@ def learned(seeds: int) -> dict[str, FloatArray]:
     total = network.none()
     for seed in range(seeds):
         for place, family in enumerate(LEARNED_FROM):
-            simulation = simulate_family(family, 1000 * place + seed)
             rng = np.random.default_rng([place, seed])
-            pair, state = begun(simulation, rng), remembered(simulation, rng)
+            simulation, state = remembered(family, 1000 * place + seed, rng)
+            pair = begun(simulation, rng)
             truths = true_landmarks(simulation)
             shown = simulation.reference_trees, simulation.source_trees
             for seen, trees, landmark in zip(evidence_of(pair, state, Rigid.identity()), shown, truths, strict=True):
@@ -193,31 +191,34 @@ def learned(seeds: int) -> dict[str, FloatArray]:
 
 
 def begun(simulation: Simulation, rng: np.random.Generator) -> Pair:
-    """A pair at one of the starts a filter meets: the truth, near it, or astray by up to a spacing; some with rows."""
+    """A pair at one of the starts that a filter is made for: the truth, or near it; some with rows.
+
+    From starts astray it would learn that landmarks often have nothing at their place, and doubt all others.
+    """
     assert simulation.truth is not None
-    kind, rows = rng.random(), rng.random() < 0.4
+    close, rows = rng.random() < 0.5, rng.random() < 0.4
     pair = Pair(simulation.reference, simulation.source, simulation.truth)
-    if kind < 0.5:
+    if close:
         pair = near(simulation, int(rng.integers(1000)))
-    elif kind < 0.53:
-        shift = simulation.reference.spacing * rng.uniform(-1, 1, 2)
-        pair = pair.at(Rigid(np.eye(2), shift) @ simulation.truth)
     if rows:
         detected = [timed("aco", features)[0] for features in (pair.reference, pair.source)]
         pair = replace(pair, rows=MatchedRows(detected[0], detected[1], NO_MATCHES))
     return pair
 
 
-def remembered(simulation: Simulation, rng: np.random.Generator) -> dict[str, object]:
-    """What earlier surveys of the same orchard left in a memory: none in half of the cases, else one to five."""
+def remembered(family: str, seed: int, rng: np.random.Generator) -> tuple[Simulation, dict[str, object]]:
+    """Two surveys, and what earlier ones of the same orchard left in a memory: none in half of the cases, else one to
+    five between the two."""
+    if rng.random() < 0.5:
+        return simulate_family(family, seed), {}
+    scene = family_scene(family, seed)
+    seasons = Seasons(surveys=int(rng.integers(3, 8)), seen=scene.overlap, persistence=rng.uniform(0, 0.4))
+    series = simulate_series(scene, seed, seasons)
     memory = Memory()
-    scene = simulation.scene
-    orchard = plant(scene, np.random.default_rng(simulation.seed).spawn(1)[0])
-    for _ in range(rng.integers(1, 6) if rng.random() < 0.5 else 0):
-        alive = rng.random(len(orchard.xy)) >= scene.dead
-        earlier = detect(orchard, scene, Visit(View.everything(), alive, 1.0), rng).features()
-        memory = memory.with_trees(earlier.xy, *shown_by(earlier))
-    return memory.state()
+    for capture in series.captures[1:-1]:
+        xy = capture.reference_from_source(capture.features.xy)
+        memory = memory.with_trees(xy, *shown_by(capture.features.replace(xy=xy)))
+    return pair_of(series, seasons.surveys - 1), memory.state()
 
 
 def shown_by(features: FeatureSet) -> tuple[float, Callable[[FloatArray], BoolArray]]:

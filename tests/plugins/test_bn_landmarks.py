@@ -26,13 +26,13 @@ from benchmarks.landmarks import calibration_error, chosen, confidence_filter, f
 from treereg_core.cli import main
 from treereg_core.errors import InputError, NoRegistration
 from treereg_core.evidence import Evidence
-from treereg_core.features import FeatureSet
+from treereg_core.features import BoolArray, FeatureSet
 from treereg_core.learning import Outcome
 from treereg_core.method import Context
 from treereg_core.pair import MatchedRows, Pair
 from treereg_core.simulate import Scene, Simulation, family_scene, simulate, simulate_family, write_simulation
 from treereg_core.testing import scenes
-from treereg_core.transform import Rigid
+from treereg_core.transform import FloatArray, Rigid
 
 CONTEXT = Context()
 SEEDS = range(7000, 7004)
@@ -202,13 +202,14 @@ def test_rows_and_memory_are_evidence() -> None:
     table = network.posterior(network.none())
     usual = {node: len(STATES[node]) // 2 for node in EVIDENCE}
     usual |= {"row": len(STATES["row"]), "earlier": len(STATES["earlier"])}
+    usual |= {"partner": STATES["partner"].index("apart_unlike"), "their": STATES["their"].index("good")}
 
     def landmark(**known: str) -> float:
         at = {**usual, **{node: STATES[node].index(state) for node, state in known.items()}}
         return float(table[tuple(at[node] for node in EVIDENCE)][1])
 
     assert landmark(row="none") < landmark() < landmark(row="in")
-    assert landmark(earlier="no") < landmark() < landmark(earlier="yes")
+    assert landmark(earlier="never") < landmark() < landmark(earlier="often")
     assert landmark(partner="nothing", their="none") < landmark(partner="close_like", their="good")
     assert landmark(confidence="lowest") < landmark(confidence="highest")
 
@@ -361,6 +362,54 @@ def test_trees_that_are_no_longer_seen_are_forgotten() -> None:
     for _ in range(20):
         after = method.learn(partial, after)
     assert len(after["trees"]) == pytest.approx(len(half), rel=0.1)
+
+
+def everywhere(xy: FloatArray) -> BoolArray:
+    return np.ones(len(xy), dtype=bool)
+
+
+def grid(x: float = 0, y: float = 0) -> FloatArray:
+    """Ten rows of twenty trees, 3 m apart, from here on."""
+    columns, rows = np.meshgrid(x + 3.0 * np.arange(20), y + 5.0 * np.arange(10))
+    return np.column_stack([columns.ravel(), rows.ravel()])
+
+
+def test_a_tree_that_is_new_was_missed_before() -> None:
+    planted, between = grid(), grid(1.5)
+    memory = Memory()
+    for _ in range(3):
+        memory = memory.with_trees(planted, 3.0, everywhere)
+    memory = memory.with_trees(np.concatenate([planted, between]), 3.0, everywhere)
+    names = STATES["earlier"]
+    once, always = memory.earlier(between, Rigid.identity(), 3.0), memory.earlier(planted, Rigid.identity(), 3.0)
+    assert {names[k] for k in once} <= {"seldom", "sometimes"}
+    assert {names[k] for k in always} == {"often"}
+    assert memory.earlier(np.array([(30.75, 22.5)]), Rigid.identity(), 3.0) == names.index("never")
+    assert (memory.earlier(grid(y=500), Rigid.identity(), 3.0) == len(names)).all()
+
+
+def test_a_survey_that_is_unlike_all_others_changes_little() -> None:
+    planted = grid()
+    memory = Memory()
+    for _ in range(3):
+        memory = memory.with_trees(planted, 3.0, everywhere)
+    few = np.concatenate([planted[::10], grid(1.5)])
+    spoilt = memory.with_trees(few, 3.0, everywhere)
+    names = STATES["earlier"]
+    assert (spoilt.earlier(planted, Rigid.identity(), 3.0) == names.index("often")).all()
+    assert spoilt.trees[:, 3].max() < 3
+    assert (spoilt.earlier(grid(1.5), Rigid.identity(), 3.0) == names.index("never")).all()
+    # Ground that was not known before is learned as ever.
+    beyond = memory.with_trees(grid(500), 3.0, lambda xy: xy[:, 0] > 400)
+    assert (beyond.trees[len(planted) :, 2] == 1).all()
+
+
+def test_a_state_of_the_first_version_is_still_understood(noisy: list[Simulation]) -> None:
+    state = dict(Landmarks().learn(outcome(noisy[0], Rigid.identity()), {}))
+    old = {**state, "version": 1, "counts": {**state["counts"], "earlier": np.zeros((2, 2, 7, 3)).tolist()}}
+    assert Memory.of(old).state() == Memory.of(state).state()
+    with pytest.raises(InputError, match="counts are not those"):
+        Memory.of({**old, "version": 2})
 
 
 def damages() -> list[tuple[str, Any]]:

@@ -14,8 +14,10 @@ from treereg_core.footprint import Footprint
 from treereg_core.pair import Pair, Rows
 from treereg_core.transform import FloatArray, Model
 
-# Something stands at a tree when it is within this share of the in-row step.
-GATE = 0.35
+# Something stands at a tree when it is within this share of the in-row step, and beside it when it is within that.
+GATE, BESIDE = 0.35, 0.6
+# Nothing farther away than so many steps is looked at.
+REACH = 1.0
 # So many trees, and so many partners of theirs, tell how all are off together, in so many rounds at most.
 ASKED, ENOUGH, SETTLING = 3000, 30, 15
 # Fewer trees are no planting.
@@ -35,14 +37,16 @@ ROUNDS = 3
 class Side:
     """One survey beside the other, in the reference's frame.
 
-    - `xy` (n, 2): where its trees stand; `partner` (n,): the nearest tree of the other survey within the gate, or -1;
-      `mutual` (n,): whether that one has no nearer tree itself; `covered` (n,): whether the other survey covers the
-      ground.
+    - `xy` (n, 2): where its trees stand; `near` (n,): the nearest tree of the other survey within reach, or -1, and
+      `away` (n,): how far it is, metres; `partner` (n,): the same within the gate, or -1; `mutual` (n,): whether that
+      one has no nearer tree itself; `covered` (n,): whether the other survey covers the ground.
     """
 
     features: FeatureSet
     planting: Planting
     xy: FloatArray
+    near: IntArray
+    away: FloatArray
     partner: IntArray
     mutual: BoolArray
     covered: BoolArray
@@ -58,26 +62,23 @@ def sides(pair: Pair, threads: int = 1) -> tuple[Side, Side]:
     if min(len(pair.reference), len(pair.source)) < LEAST:
         raise NoRegistration(f"a survey has fewer than {LEAST} trees, so landmarks cannot be told")
     plantings = Planting.of(pair.reference, threads), Planting.of(pair.source, threads)
-    pair = _settled(pair, _gate(pair, plantings))
+    step = (plantings[0].step + pair.reference_from_source.scale * plantings[1].step) / 2
+    pair = _settled(pair, GATE * step)
     points = pair.reference.xy, pair.source_in_reference
-    forth, back = _partners(pair, points, plantings, threads)
+    forth, back = (near for near, _ in _nearest(pair, points, GATE * step, threads))
     shifted = (
         points[0] + _common_offset(plantings[0], points, forth, _mutual(forth, back)),
         points[1] + _common_offset(plantings[1], points[::-1], back, _mutual(back, forth)),
     )
-    forth, back = _partners(pair, shifted, plantings, threads)
+    both = _nearest(pair, shifted, REACH * step, threads)
+    forth, back = (np.where(away <= GATE * step, near, -1) for near, away in both)
     # Both grounds are laid out in one frame, so that the source's own frame makes no difference.
     grounds = footprint(points[0], plantings[0].step), footprint(points[1], plantings[1].step)
     covered = grounds[1].covers(shifted[0]), grounds[0].covers(shifted[1])
     return (
-        Side(pair.reference, plantings[0], points[0], forth, _mutual(forth, back), covered[0]),
-        Side(pair.source, plantings[1], points[1], back, _mutual(back, forth), covered[1]),
+        Side(pair.reference, plantings[0], points[0], *both[0], forth, _mutual(forth, back), covered[0]),
+        Side(pair.source, plantings[1], points[1], *both[1], back, _mutual(back, forth), covered[1]),
     )
-
-
-def _gate(pair: Pair, plantings: tuple[Planting, Planting]) -> float:
-    """Metres, in the reference's frame, within which trees are partners."""
-    return GATE * (plantings[0].step + pair.reference_from_source.scale * plantings[1].step) / 2
 
 
 def _settled(pair: Pair, within: float) -> Pair:
@@ -103,19 +104,21 @@ def _settled(pair: Pair, within: float) -> Pair:
     return pair
 
 
-def _partners(
-    pair: Pair, points: tuple[FloatArray, FloatArray], plantings: tuple[Planting, Planting], threads: int
-) -> tuple[IntArray, IntArray]:
+def _nearest(
+    pair: Pair, points: tuple[FloatArray, FloatArray], within: float, threads: int
+) -> tuple[tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
     """The nearest source tree (n,) of each reference tree that is looked for at these points, in the reference's
-    frame, and the other way round (m,); -1 where none is within the gate.
+    frame, and how far it is; and the other way round (m,). -1 and infinite where none is within so many metres.
 
     Each is asked in the frame of the survey that is asked, so that its k-d tree serves all placements.
     """
     to_source, scale = pair.reference_from_source.inverse(), pair.reference_from_source.scale
-    within = _gate(pair, plantings)
-    _, forth = nearest_of(pair.source, to_source(points[0]), pair.reference, within / scale, threads=threads)
-    _, back = nearest_of(pair.reference, points[1], pair.source, within, threads=threads)
-    return np.where(forth < len(pair.source), forth, -1), np.where(back < len(pair.reference), back, -1)
+    away, forth = nearest_of(pair.source, to_source(points[0]), pair.reference, within / scale, threads=threads)
+    back_away, back = nearest_of(pair.reference, points[1], pair.source, within, threads=threads)
+    return (
+        (np.where(forth < len(pair.source), forth, -1), scale * away),
+        (np.where(back < len(pair.reference), back, -1), back_away),
+    )
 
 
 def _common_offset(
@@ -178,6 +181,9 @@ def _partner_class(side: Side, other: Side) -> IntArray:
     mine = np.flatnonzero(side.mutual)
     names = STATES["partner"]
     partner = np.where(side.covered, names.index("nothing"), names.index("uncovered"))
+    partner[side.away <= BESIDE * side.planting.step] = names.index("beside")
+    area = np.maximum(side.features.area, other.features.area[side.near])
+    partner[side.away <= np.sqrt(area / np.pi)] = names.index("within")
     partner[side.partner >= 0] = names.index("taken")
     if len(mine):
         common = _common_offset(side.planting, (side.xy, other.xy), side.partner, side.mutual)

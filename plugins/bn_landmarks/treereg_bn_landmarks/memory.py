@@ -16,7 +16,7 @@ from treereg_core.features import BoolArray, IntArray, frozen_array, nearest
 from treereg_core.footprint import Footprint
 from treereg_core.transform import Affine, FloatArray
 
-VERSION = 1
+VERSION = 2
 NAME = "bn_landmarks"
 # No count, and no coordinate in metres, is larger.
 LARGEST = 1e9
@@ -27,21 +27,23 @@ FORGOTTEN = 0.15
 """Trees that were seen less than this, in surveys of today's worth, are forgotten."""
 # A tree is one that is remembered when it stands within this share of the in-row step.
 SAME = 0.35
-# Shares of the surveys that had a tree: from the first on sometimes, from the second on yes.
-SOMETIMES, YES = 0.3, 0.7
+# How much a survey that had a tree speaks for it, and one that had none against it; and bounds of the classes.
+SEEN, MISSED = 2.0, 1.0
+BOUNDS = (-1.5, 0.0, 1.2)
 # The ground that remembered trees cover is closed over so many steps.
 COVERED = 2.5
 
-LEARNED = ("confidence", "size", "row", "earlier")
+LEARNED = ("confidence", "size", "row")
 """What is the detector's and the orchard's own. How landmarks are recognised, by what stands there in the other survey
 and by their place, is left as simulation knows it: it anchors the hidden nodes, which else drift from one outcome to
-the next (measured: more learned nodes made the probabilities worse)."""
+the next (measured: more learned nodes made the probabilities worse). So is `earlier`, which means more from survey to
+survey."""
 
 
 @dataclass(frozen=True, eq=False)
 class Memory:
     """`counts` for the tables of the network, and `trees` (n, 4): x, y in metres in the home frame, and in how many
-    surveys each was seen and missed, older ones counting less."""
+    surveys each was seen and missed, older ones, and those that missed most trees, counting less."""
 
     counts: Counts = field(default_factory=none)
     trees: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
@@ -56,10 +58,13 @@ class Memory:
         wrong = set(state) ^ {"version", "counts", "trees"}
         if wrong:
             _refuse(f"{min(wrong, key=str)!r} is missing, or should not be there")
-        if isinstance(state["version"], bool) or state["version"] != VERSION:
-            _refuse(f"it is of version {state['version']!r:.20}, not {VERSION}")
+        version = state["version"]
+        if isinstance(version, bool) or version not in (1, VERSION):
+            _refuse(f"it is of version {version!r:.20}, not {VERSION}")
         counts = state["counts"]
-        if not isinstance(counts, Mapping) or set(counts) != set(LEARNED):
+        # Version 1 also counted `earlier`, in classes of its own.
+        wanted = {*LEARNED, "earlier"} if version == 1 else {*LEARNED}
+        if not isinstance(counts, Mapping) or set(counts) != wanted:
             _refuse(f"the counts are not those of the nodes {', '.join(LEARNED)}")
         tables = {**none(), **{node: _numbers(counts[node], shape(node), f"counts of {node}") for node in LEARNED}}
         rows = state["trees"]
@@ -85,11 +90,13 @@ class Memory:
             return np.full(len(xy), unknown)
         at_home = home_from_reference(xy)
         ground = Footprint.of(trees[:, :2], COVERED * step)
-        _, record = nearest(cKDTree(trees[:, :2]), at_home, SAME * step)
-        share = np.append(trees[:, 2] / trees[:, 2:].sum(axis=1), 0.0)[record]
-        names = STATES["earlier"]
-        there = np.searchsorted((SOMETIMES, YES), share, side="right") + names.index("no")
-        return np.where((record == len(trees)) & ~ground.covers(at_home), unknown, there)
+        distance, record = nearest(cKDTree(trees[:, :2]), at_home, np.inf)
+        remembered = distance <= SAME * step
+        # Where no tree is remembered, all surveys missed it that saw, or missed, the nearest one.
+        seen = np.where(remembered, trees[record, 2], 0)
+        missed = trees[record, 2:].sum(axis=1) - seen
+        there = np.searchsorted(BOUNDS, SEEN * seen - MISSED * missed, side="right")
+        return np.where(remembered | ground.covers(at_home), there, unknown)
 
     def with_counts(self, more: Counts) -> Memory:
         """With one outcome's counts added to what is left of the earlier ones."""
@@ -99,23 +106,30 @@ class Memory:
     def with_trees(self, xy: FloatArray, step: float, ground: Callable[[FloatArray], BoolArray]) -> Memory:
         """With one survey's trees (n, 2), home frame, metres, and its ground: what it shows is seen, the rest missed.
 
-        `ground` tells which points the survey covers; trees on other ground are neither.
+        `ground` tells which points the survey covers; trees on other ground are neither. A survey counts as the share
+        of the known trees that it shows, so that one that is unlike all others changes little.
         """
         old = self.trees * (1, 1, DECAY, DECAY)
         new = np.column_stack([xy, np.ones(len(xy)), np.zeros(len(xy))])
         if len(old) == 0 or len(xy) == 0:
             return Memory(self.counts, frozen_array(np.concatenate([old, new])))
-        _, record = nearest(cKDTree(old[:, :2]), xy, SAME * step)
+        distance, record = nearest(cKDTree(old[:, :2]), xy, COVERED * step)
         _, back = nearest(cKDTree(xy), old[:, :2], SAME * step)
-        same = np.flatnonzero(record < len(old))
+        same = np.flatnonzero(distance <= SAME * step)
         same = same[back[record[same]] == same]
         at = record[same]
-        weight = (1 / (1 + old[at, 2]))[:, None]
-        old[at, :2] += weight * (xy[same] - old[at, :2])
-        old[at, 2] += 1
         absent = ground(old[:, :2])
         absent[at] = False
-        old[absent, 3] += 1
+        shown, hidden = old[at, 2].sum(), old[absent, 2].sum()
+        counts = shown / (shown + hidden) if shown + hidden > 0 else 1.0
+        # A tree that is new was missed by all that saw, or missed, its neighbour.
+        near = np.isfinite(distance)
+        new[:, 2] = counts
+        new[near, 3] = old[record[near], 2:].sum(axis=1)
+        weight = counts / np.maximum(counts + old[at, 2], 1e-9)
+        old[at, :2] += weight[:, None] * (xy[same] - old[at, :2])
+        old[at, 2] += counts
+        old[absent, 3] += counts
         fresh = np.ones(len(xy), dtype=bool)
         fresh[same] = False
         kept = old[old[:, 2] >= FORGOTTEN]

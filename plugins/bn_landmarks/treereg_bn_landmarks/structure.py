@@ -46,8 +46,12 @@ NETWORK = Network(
             "partner",
             "what stands there in the other survey under the present transform: a partner, with a crown of like size "
             "or not, close to where the partners around it say or apart; a tree that has a nearer partner itself "
-            "(taken); nothing; or ground that the other survey does not cover",
-            ("uncovered", "nothing", "taken", "apart_unlike", "apart_like", "close_unlike", "close_like"),
+            "(taken); one farther off, in a crown that reaches from one to the other, as where crowns were split or "
+            "merged (within), or beside it; nothing; or ground that the other survey does not cover",
+            (
+                *("uncovered", "nothing", "beside", "within", "taken"),
+                *("apart_unlike", "apart_like", "close_unlike", "close_like"),
+            ),
             ("landmark", "agreement", "size"),
         ),
         Node(
@@ -58,9 +62,9 @@ NETWORK = Network(
         ),
         Node(
             "earlier",
-            "whether earlier surveys had a tree there; unknown where none is remembered",
-            ("no", "sometimes", "yes"),
-            ("real", "landmark", "partner"),
+            "how many of the earlier surveys had a tree there; unknown where none covered the ground",
+            ("never", "seldom", "sometimes", "often"),
+            ("real", "landmark", "partner", "agreement"),
         ),
     )
 )
@@ -68,7 +72,7 @@ NETWORK = Network(
 
 Evidence that depends on evidence has an arc too: confidence on the confidences around and on the crown's size, the
 place on how well the surveys agree there, which says how noisy they are, being in a row on the place, the partner on
-agreement and size, and what earlier surveys had there on what stands there now.
+agreement and size, and what earlier surveys had there on agreement and on what stands there now.
 """
 
 STATES: Mapping[str, tuple[str, ...]] = MappingProxyType({node.name: node.states for node in NETWORK.nodes})

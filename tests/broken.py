@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_serializer
+from treereg_core.truth import Truth
 from treereg_outside import LargeCrowns, Mutual, StraightRows
 
 from treereg_core.errors import NoRegistration
@@ -20,7 +21,6 @@ from treereg_core.pair import Pair, Rows
 from treereg_core.registry import installed
 from treereg_core.rows import NearestRows
 from treereg_core.transform import Affine, FloatArray, Model, Rigid
-from treereg_core.truth import Truth
 
 CALLS = count()
 

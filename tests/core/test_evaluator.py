@@ -7,9 +7,9 @@ import pytest
 
 from tests.core.methods import orchard
 from treereg_core.evaluator import Problem
+from treereg_core.evaluators import Truth
 from treereg_core.judgement import Judgement, Matches, Verdict
 from treereg_core.transform import Affine, Rigid
-from treereg_core.truth import Truth
 
 NONE = Matches(np.empty((0, 2)), np.empty(0))
 

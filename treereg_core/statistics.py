@@ -26,6 +26,13 @@ def wilson(count: int, of: int) -> tuple[float, float]:
     return (max(centre - half, 0.0) if count else 0.0), (min(centre + half, 1.0) if count < of else 1.0)
 
 
+def upper_bound(count: int, of: int) -> float:
+    """The 95 % upper bound of a share: the rule of three when nothing was seen, else Wilson's."""
+    if not of:
+        return 1.0
+    return min(3 / of, 1.0) if count == 0 else wilson(count, of)[1]
+
+
 def bootstrap(values: ArrayLike, statistic: Statistic) -> tuple[float, float]:
     """The 95 % interval of a statistic of values (n,), n at least 1 (Efron 1979, doi:10.1214/aos/1176344552).
 

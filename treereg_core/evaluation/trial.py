@@ -18,6 +18,7 @@ from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
 from treereg_core.result import Result
+from treereg_core.transform import Rigid
 
 CRASHED = "crashed"
 RIGHT_M = 0.5
@@ -32,7 +33,8 @@ class Trial:
     - `right`: the error is below 0.5 m or 1.25 times that of the fit with the true pairs. Both then count the
       distortion that no rigid transform can undo (`bend`); in the columns they do not. Nothing is right without a
       truth.
-    - `rotation_deg`, `translation_m`: how far the files' own georeference was off.
+    - `rotation_deg`, `translation_m`: how far the files' own georeference was off; `misplaced`: by how much the
+      source's true trees, RMS.
     - `figures`: what the evaluators say, by `evaluator.figure`; NaN for None.
     """
 
@@ -44,6 +46,7 @@ class Trial:
     trees: int
     rotation_deg: float
     translation_m: float
+    misplaced: float
     verdict: str
     matched: int = 0
     right: bool = False
@@ -94,6 +97,7 @@ def run_trial(options: Options, case: Case) -> Trial:
         "trees": len(problem.source),
         "rotation_deg": rotation_deg,
         "translation_m": translation_m,
+        "misplaced": case.error(Rigid.identity()),
     }
     clock = Clock()
     try:

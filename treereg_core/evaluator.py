@@ -10,17 +10,22 @@ from treereg_core.features import FeatureSet
 from treereg_core.image import Image
 from treereg_core.judgement import Judgement
 from treereg_core.method import Method
-from treereg_core.transform import Affine
+from treereg_core.transform import Affine, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Two surveys in one working frame; the true `reference_from_source` and their images where these are known."""
+    """Two surveys in one working frame, and what else is known of them, None where it is not.
+
+    `truth` is the true `reference_from_source`, `images` are pictures of both, `checkpoints` the same points in both,
+    (k, 2) metres each.
+    """
 
     reference: FeatureSet
     source: FeatureSet
     truth: Affine | None = None
     images: tuple[Image, Image] | None = None
+    checkpoints: tuple[FloatArray, FloatArray] | None = None
 
 
 class Evaluator(Method):

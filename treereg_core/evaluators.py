@@ -95,7 +95,29 @@ class Pixels(Evaluator):
         return said
 
 
+class Checkpoints(Evaluator):
+    """Compares points that a person found in both surveys (ASPRS 2014, doi:10.14358/PERS.81.3.A1-A26).
+
+    `rmse_m`: RMS distance, metres; `ce90_m`: the distance within which nine points in ten lie; both with `_before`
+    under the files' own georeference. The error of finding the points is in them. None without checkpoints.
+    """
+
+    name = "checkpoints"
+
+    def score(self, judgement: Judgement, problem: Problem) -> Mapping[str, float | None]:
+        """The figures above."""
+        said: dict[str, float | None] = {}
+        for suffix, transform in (("", judgement.transform), ("_before", Rigid.identity())):
+            said[f"rmse_m{suffix}"] = said[f"ce90_m{suffix}"] = None
+            if problem.checkpoints and transform:
+                reference, source = problem.checkpoints
+                distance = np.hypot(*(transform(source) - reference).T)
+                said[f"rmse_m{suffix}"] = float(np.sqrt(np.mean(distance**2)))
+                said[f"ce90_m{suffix}"] = float(np.quantile(distance, 0.9))
+        return said
+
+
 @hookimpl
 def treereg_evaluators() -> Iterable[type[Evaluator]]:
     """The evaluators of the core, offered like a stranger's."""
-    return [Truth, Residuals, Pixels]
+    return [Truth, Residuals, Pixels, Checkpoints]

@@ -12,7 +12,7 @@ from treereg_core.evaluator import Problem
 from treereg_core.features import BoolArray, FeatureSet
 from treereg_core.image import Image
 from treereg_core.simulate import FAMILIES, Simulation, simulate_family
-from treereg_core.transform import Affine, Rigid
+from treereg_core.transform import Affine, FloatArray, Rigid
 
 NONE = math.nan
 
@@ -105,6 +105,7 @@ class Misregistered:
     rotation_sd: float
     translation_sd: float
     images: tuple[Image, Image] | None = None
+    checkpoints: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,10 +116,11 @@ class Misregistered:
         """The surveys with the misregistration of this seed."""
         rng = np.random.default_rng(seed)
         wrong = misregistration(self.source, self.rotation_sd * rng.standard_normal(), self.translation_sd, rng)
-        images = self.images and (self.images[0], self.images[1].moved(wrong))
         source = self.source.replace(xy=wrong(self.source.xy))
-        counted = np.ones(len(source), dtype=bool)
-        return Case(name, seed, Problem(self.reference, source, wrong.inverse(), images), counted)
+        images = self.images and (self.images[0], self.images[1].moved(wrong))
+        checkpoints = self.checkpoints and (self.checkpoints[0], wrong(self.checkpoints[1]))
+        problem = Problem(self.reference, source, wrong.inverse(), images, checkpoints)
+        return Case(name, seed, problem, np.ones(len(source), dtype=bool))
 
 
 def misregistration(source: FeatureSet, rotation_deg: float, translation_sd: float, rng: np.random.Generator) -> Rigid:

@@ -27,6 +27,11 @@ ul.key svg { width: 2.2rem; display: inline-block; vertical-align: middle; margi
 small { color: inherit; opacity: 0.75; }
 @media print { body { max-width: none; } }
 """
+LEGEND = (
+    "In brackets 95 % intervals: Wilson for shares, bootstrap for errors. Right: an error below 0.5 m, or 1.25 times that "
+    "of the fit with the true pairs where these are known. Silent: accepted though wrong. Flagged: right, but not "
+    "accepted. Errors are of all trials with a placement, wrong ones too."
+)
 HEADER = (
     *("method and start", "trials of", "trials", "right", "silent", "flagged", "failed"),
     *("median error", "95th percentile", "error / best fit", "seconds"),
@@ -47,9 +52,7 @@ def page(title: str, notes: Sequence[str], trials: Sequence[Trial], lines: Seque
         *(f"<p>{escape(note)}</p>" for note in notes),
         f'<div class="wide"><table><thead><tr>{cells(HEADER, "th")}</tr></thead>',
         f"<tbody>{''.join(map(row, lines))}</tbody></table></div>",
-        "<p><small>In brackets 95 % intervals: Wilson for shares, bootstrap for errors. Right: an error below 0.5 m, or "
-        "1.25 times that of the fit with the true pairs where these are known. Silent: accepted though wrong. Flagged: "
-        "right, but not accepted. Errors are of all trials with a placement, wrong ones too.</small></p>",
+        f"<p><small>{escape(LEGEND)}</small></p>",
         f'<ul class="key">{key}</ul>',
         "<h2>Errors</h2>",
         plots.error_distributions([(name, [t.error for t in some]) for name, some in truth]),

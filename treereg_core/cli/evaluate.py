@@ -29,7 +29,7 @@ from treereg_core.evaluation import Families, Misregistered, Study, run_all
 from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.files import FILES, open_folder, write_evaluation
 from treereg_core.evaluation.page import in_words, label
-from treereg_core.evaluation.summary import Line, summed_up
+from treereg_core.evaluation.summary import Line
 from treereg_core.io.output import DEFAULT_OUT
 from treereg_core.options import Options
 from treereg_core.settings import Settings, check_used, merge, parse_assignments
@@ -103,8 +103,7 @@ def evaluate(
     study = Study(source, setups, range(seed, seed + trials))
     log = open_folder(out, folders, overwrite)
     done = run_all(study, log, jobs or os.cpu_count() or 1, lambda text: console.progress(f"trials: {text}"))
-    lines = summed_up(done)
-    write_evaluation(study, notes, (done, lines), out)
+    lines = write_evaluation(study, notes, done, out)
     if as_json:
         typer.echo((out / FILES[1]).read_bytes(), nl=False)
     else:

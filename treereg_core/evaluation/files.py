@@ -11,7 +11,7 @@ from treereg_core import io
 from treereg_core.errors import InputError, UsageError
 from treereg_core.evaluation.page import page
 from treereg_core.evaluation.running import Study
-from treereg_core.evaluation.summary import Line
+from treereg_core.evaluation.summary import Line, summed_up
 from treereg_core.evaluation.trial import Trial
 
 SCHEMA = "treereg/evaluation/1"
@@ -42,13 +42,15 @@ def open_folder(folder: Path, inputs: Sequence[Path], overwrite: bool) -> Path:
     return folder / TRIALS
 
 
-def write_evaluation(
-    study: Study, notes: Sequence[str], done: tuple[Sequence[Trial], Sequence[Line]], out: Path
-) -> None:
-    """Write the summary and the page of the trials that were done; `notes` say in sentences what was done."""
-    trials, lines = done
+def write_evaluation(study: Study, notes: Sequence[str], trials: Sequence[Trial], out: Path) -> list[Line]:
+    """Write the summary and the page of the trials that were done, and give the lines of their table.
+
+    `notes` say in sentences what was done.
+    """
+    lines = summed_up(trials)
     io.write_json(out / SUMMARY, to_json(study, notes, lines))
     io.write_text(out / PAGE, page("Evaluation of registrations", notes, trials, lines))
+    return lines
 
 
 def to_json(study: Study, notes: Sequence[str], lines: Sequence[Line]) -> dict[str, Any]:

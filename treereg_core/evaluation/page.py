@@ -28,8 +28,8 @@ small { color: inherit; opacity: 0.75; }
 @media print { body { max-width: none; } }
 """
 LEGEND = (
-    "In brackets 95 % intervals: Wilson for shares, bootstrap for errors. Right: an error below 0.5 m, or 1.25 times that "
-    "of the fit with the true pairs where these are known. Silent: accepted though wrong. Flagged: right, but not "
+    "In brackets 95 % intervals: Wilson for shares, bootstrap for errors. Right: an error below 0.5 m, or 1.25 times "
+    "that of the fit with the true pairs where these are known. Silent: accepted though wrong. Flagged: right, but not "
     "accepted. Errors are of all trials with a placement, wrong ones too."
 )
 HEADER = (

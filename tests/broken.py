@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import ConfigDict, Field, field_serializer
-from treereg_core.truth import Truth
 from treereg_outside import LargeCrowns, Mutual, StraightRows
 
 from treereg_core.errors import NoRegistration
 from treereg_core.evaluator import Problem
+from treereg_core.evaluators import Truth
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Judgement
 from treereg_core.learning import Learner, Outcome, State

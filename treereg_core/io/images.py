@@ -47,10 +47,11 @@ def read_image(path: Path, frame: Frame, largest: int = LARGEST) -> Image:
                 raise InputError(f"{path} names no CRS; give it one.")
             grid = (dataset.crs, frame.crs, dataset.width, dataset.height, *dataset.bounds)
             transform, width, height = calculate_default_transform(*grid)
-            factor = max(1.0, math.ceil(max(width, height) / largest))
-            transform *= transform.scale(factor)
+            factor = math.ceil(max(width, height) / largest)
+            a, b, c, d, e, f = transform[:6]
+            transform = type(transform)(a * factor, b * factor, c, d * factor, e * factor, f)
             options = {"crs": frame.crs, "transform": transform, "resampling": Resampling.average, "add_alpha": True}
-            size = {"width": max(1, int(width / factor)), "height": max(1, int(height / factor))}
+            size = {"width": max(1, width // factor), "height": max(1, height // factor)}
             bands = [k for k, kind in enumerate(dataset.colorinterp, 1) if kind is not ColorInterp.alpha]
             if dataset.nodata is not None:
                 options["add_alpha"] = False

@@ -12,6 +12,7 @@ from treereg_outside import LargeCrowns, Mutual, StraightRows
 
 from treereg_core.errors import NoRegistration
 from treereg_core.evaluator import Problem
+from treereg_core.evaluators import Truth
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Judgement
 from treereg_core.learning import Learner, Outcome, State
@@ -20,7 +21,6 @@ from treereg_core.pair import Pair, Rows
 from treereg_core.registry import installed
 from treereg_core.rows import NearestRows
 from treereg_core.transform import Affine, FloatArray, Model, Rigid
-from treereg_core.truth import Truth
 
 CALLS = count()
 

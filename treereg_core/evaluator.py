@@ -7,18 +7,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from treereg_core.features import FeatureSet
+from treereg_core.image import Image
 from treereg_core.judgement import Judgement
 from treereg_core.method import Method
-from treereg_core.transform import Affine
+from treereg_core.transform import Affine, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Two surveys in one working frame and, where it is known, the true `reference_from_source`."""
+    """Two surveys in one working frame, and what else is known of them, None where it is not.
+
+    `truth` is the true `reference_from_source`, `images` are pictures of both, `checkpoints` the same points in both,
+    (k, 2) metres each.
+    """
 
     reference: FeatureSet
     source: FeatureSet
     truth: Affine | None = None
+    images: tuple[Image, Image] | None = None
+    checkpoints: tuple[FloatArray, FloatArray] | None = None
 
 
 class Evaluator(Method):
@@ -28,4 +35,4 @@ class Evaluator(Method):
 
     @abstractmethod
     def score(self, judgement: Judgement, problem: Problem) -> Mapping[str, float | None]:
-        """Figures by name, units in the names; None where the problem or the judgement does not allow one."""
+        """Figures by name, the same names whatever the case, units in them; None for one that cannot be had."""

@@ -13,6 +13,7 @@ import typer
 
 from treereg_core.cli.check import check
 from treereg_core.cli.console import console
+from treereg_core.cli.evaluate import evaluate
 from treereg_core.cli.methods import methods
 from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
@@ -55,6 +56,7 @@ for _command, _words in (
     (check, "Run the contract's laws on a method or a plugin."),
     (rows, "Find and number the planting rows of one survey."),
     (series, "Register surveys of one orchard over time, and follow every tree."),
+    (evaluate, "Compare methods on the same trials with known misplacements."),
     (simulate, "Make two survey folders whose truth is known."),
 ):
     app.command(short_help=_words)(_command)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from treereg_core import io
 from treereg_core.evaluator import Problem
+from treereg_core.evaluators import Truth
 from treereg_core.result import Result, trees
 from treereg_core.survey import Survey
-from treereg_core.truth import Truth
 
 DEMONSTRATION = "demonstration"
 

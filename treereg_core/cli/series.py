@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from treereg_core import io
+from treereg_core.cli.columns import in_columns
 from treereg_core.cli.config import Config, tables
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.cli.options import (
@@ -115,14 +116,9 @@ def summary(found: Series, out: Path) -> str:
         said = member.result.judgement.expected_error if member.result and of else None
         numbers = [str(of[state]) if of else "" for state in states]
         lines.append([member.name, member.word, *numbers, f"{said.rms:.3f} m" if said else ""])
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    aligned = (
-        [text.ljust(width) if column < 2 else text.rjust(width) for column, (text, width) in enumerate(cells)]
-        for cells in (zip(line, widths, strict=True) for line in lines)
-    )
-    registered = (
-        f"{len(found.accepted) - 1} of {len(found.members) - 1} surveys registered onto {found.members[0].name}"
-    )
+    accepted, others = len(found.accepted) - 1, len(found.members) - 1
+    registered = f"{accepted} of {others} surveys registered onto {found.members[0].name}"
+    table = [f"  {line}" for line in in_columns(lines, flush_left=2)]
     trees = f"{int(found.history.probable.sum())} trees in {found.places.rows} rows"
     files = ", ".join(str(out / name) for name in FILES)
-    return "\n".join([registered, *("  " + "  ".join(line).rstrip() for line in aligned), trees, f"  files  {files}"])
+    return "\n".join([registered, *table, trees, f"  files  {files}"])

@@ -4,9 +4,12 @@
 `write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`;
 `write_rows` writes the rows of one survey, `read_series` reads the surveys of a series, `write_tree_table` and
 `write_tree_points` write its trees. `read_memory` and `write_memory` keep what an orchard's surveys taught.
+`read_images` and `read_checkpoints` read what evaluators compare.
 """
 
+from treereg_core.io.checkpoints import read_checkpoints
 from treereg_core.io.crs import full_coordinates
+from treereg_core.io.images import read_image, read_images
 from treereg_core.io.memory import (
     MEMORY,
     check_memory_folder,
@@ -20,7 +23,7 @@ from treereg_core.io.output import RUN_NAMES, SIMULATION_NAMES, OutputFolder
 from treereg_core.io.reading import read_series, read_survey, read_surveys
 from treereg_core.io.transforms import full_from_frame, read_transform
 from treereg_core.io.trees import write_tree_points, write_tree_table
-from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows
+from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows, write_text
 
 __all__ = [
     "MEMORY",
@@ -34,6 +37,9 @@ __all__ = [
     "full_from_frame",
     "is_survey_file",
     "memory_lock",
+    "read_checkpoints",
+    "read_image",
+    "read_images",
     "read_memory",
     "read_series",
     "read_survey",
@@ -44,6 +50,7 @@ __all__ = [
     "write_memory",
     "write_registered",
     "write_rows",
+    "write_text",
     "write_tree_points",
     "write_tree_table",
 ]

@@ -170,6 +170,12 @@ def write_json(path: Path, value: Any) -> None:
         file.write(text.encode(errors="backslashreplace"))  # half surrogates, as in odd names of folders
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text. `InputError` when `path` cannot be written."""
+    with complete_file(path) as file:
+        file.write(text.encode(errors="backslashreplace"))
+
+
 @contextmanager
 def complete_file(path: Path) -> Iterator[IO[bytes]]:
     """A file to write that takes its name only when it is complete; nothing is left behind otherwise."""

@@ -1,0 +1,66 @@
+"""The files of an evaluation: the log of trials, then the summary and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from treereg_core import io
+from treereg_core.errors import InputError, UsageError
+from treereg_core.evaluation.page import page
+from treereg_core.evaluation.running import Study
+from treereg_core.evaluation.summary import Line, summed_up
+from treereg_core.evaluation.trial import Trial
+
+SCHEMA = "treereg/evaluation/1"
+TRIALS, SUMMARY, PAGE = FILES = ("trials.csv", "evaluation.json", "evaluation.html")
+"""The log is there while trials run, the other two once all are done."""
+
+
+def open_folder(folder: Path, inputs: Sequence[Path], overwrite: bool) -> Path:
+    """Make the folder of an evaluation ready, and give the place of its log.
+
+    It may be new or empty, or hold an evaluation that was interrupted or done, which goes on; with `overwrite` that is
+    begun anew, and other files in the folder stay. `UsageError` for another folder, `InputError` for one that cannot
+    be written.
+    """
+    target = folder.resolve()
+    for given in inputs:
+        if target == given.resolve() or target in given.resolve().parents:
+            raise UsageError(f"--out {folder} is or contains the input folder {given}; choose another folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        foreign = next((entry.name for entry in sorted(folder.iterdir()) if entry.name not in FILES), None)
+        if foreign and not overwrite and not (folder / TRIALS).exists():
+            raise UsageError(f"{folder} is in use, it holds {foreign}; choose another folder, or give --overwrite.")
+        for name in FILES if overwrite else FILES[1:]:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written ({error.strerror or error}); choose another folder.") from error
+    return folder / TRIALS
+
+
+def write_evaluation(study: Study, notes: Sequence[str], trials: Sequence[Trial], out: Path) -> list[Line]:
+    """Write the summary and the page of the trials that were done, and give the lines of their table.
+
+    `notes` say in sentences what was done.
+    """
+    lines = summed_up(trials)
+    io.write_json(out / SUMMARY, to_json(study, notes, lines))
+    io.write_text(out / PAGE, page("Evaluation of registrations", notes, trials, lines))
+    return lines
+
+
+def to_json(study: Study, notes: Sequence[str], lines: Sequence[Line]) -> dict[str, Any]:
+    """The content of evaluation.json: plain values, every number finite or null."""
+    return {
+        "schema": SCHEMA,
+        "version": metadata.version("treereg"),
+        "notes": list(notes),
+        "setups": [options.model_dump(mode="json", exclude={"memory", "threads"}) for options in study.setups],
+        "names": list(study.source.names),
+        "seeds": [study.seeds.start, study.seeds.stop - 1],
+        "results": [line.to_json() for line in lines],
+    }

@@ -1,0 +1,156 @@
+"""One trial: a case registered by one method from one start, and compared with its truth."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from treereg_core.api import execute
+from treereg_core.evaluation.case import NONE, Case
+from treereg_core.evaluator import Evaluator
+from treereg_core.options import Options
+from treereg_core.pipeline import Clock
+from treereg_core.plan import Plan, plan_for
+from treereg_core.registry import installed
+from treereg_core.result import Result
+from treereg_core.transform import Rigid
+
+CRASHED = "crashed"
+RIGHT_M = 0.5
+RIGHT_FACTOR = 1.25
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One row. Errors in metres, RMS over the source's true trees; NaN where there is none.
+
+    - `setup`: a digest of all other options; `name` and `seed` of the case.
+    - `right`: the error is below 0.5 m or 1.25 times that of the fit with the true pairs. Both then count the
+      distortion that no rigid transform can undo (`bend`); in the columns they do not. Nothing is right without a
+      truth.
+    - `rotation_deg`, `translation_m`: how far the files' own georeference was off; `misplaced`: by how much the
+      source's true trees, RMS.
+    - `figures`: what the evaluators say, by `evaluator.figure`; NaN for None.
+    """
+
+    method: str
+    start: str
+    setup: str
+    name: str
+    seed: int
+    trees: int
+    rotation_deg: float
+    translation_m: float
+    misplaced: float
+    verdict: str
+    matched: int = 0
+    right: bool = False
+    failure_probability: float = 1.0
+    error: float = NONE
+    fit_error: float = NONE
+    bend: float = NONE
+    expected_rms: float = NONE
+    ci_low: float = NONE
+    ci_high: float = NONE
+    rival_log_odds: float = NONE
+    start_s: float = NONE
+    match_s: float = NONE
+    judge_s: float = NONE
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the judge accepted the placement."""
+        return self.verdict == "accepted"
+
+    @property
+    def silent(self) -> bool:
+        """Whether it is wrong in silence: accepted though wrong."""
+        return self.accepted and not self.right
+
+    @property
+    def seconds(self) -> float:
+        """All the work, reading aside."""
+        return self.start_s + self.match_s + self.judge_s
+
+
+def setup(options: Options) -> str:
+    """A digest of everything in the options that a trial depends on, method and start apart."""
+    rest = options.model_dump_json(exclude={"method", "start", "threads"})
+    return hashlib.blake2b(rest.encode(), digest_size=4).hexdigest()
+
+
+def run_trial(options: Options, case: Case) -> Trial:
+    """Register and compare, on one thread. A fault of the code under test makes a trial with the verdict `crashed`."""
+    problem, (rotation_deg, translation_m) = case.problem, case.misplaced
+    about: dict[str, Any] = {
+        "method": options.method,
+        "start": options.start,
+        "setup": setup(options),
+        "name": case.name,
+        "seed": case.seed,
+        "trees": len(problem.source),
+        "rotation_deg": rotation_deg,
+        "translation_m": translation_m,
+        "misplaced": case.error(Rigid.identity()),
+    }
+    clock = Clock()
+    try:
+        result = execute(plan(options.model_dump_json()), (problem.reference, problem.source), clock)
+    except Exception as fault:
+        print(f"{case.name} seed {case.seed}: {type(fault).__name__}: {fault}", file=sys.stderr, flush=True)
+        return Trial(**about, verdict=CRASHED)
+    said = result.judgement
+    expected, error = said.expected_error, case.error(said.transform)
+    return Trial(
+        **about,
+        verdict=said.verdict.value,
+        matched=len(said.matches.pairs),
+        right=is_right(error, case.fit_error, case.bend),
+        failure_probability=said.failure_probability,
+        error=error,
+        fit_error=case.fit_error,
+        bend=case.bend,
+        expected_rms=expected.rms if expected else NONE,
+        ci_low=expected.ci95[0] if expected else NONE,
+        ci_high=expected.ci95[1] if expected else NONE,
+        rival_log_odds=said.rivals[0].log_odds if said.rivals else NONE,
+        start_s=clock.seconds["start"],
+        match_s=sum(clock.seconds.values()) - clock.seconds["start"] - clock.seconds["judge"],
+        judge_s=clock.seconds["judge"],
+        figures=figures(result, case),
+    )
+
+
+@cache
+def plan(options: str) -> Plan:
+    """The plan of options, given as JSON, with one thread."""
+    return plan_for(Options.model_validate_json(options).model_copy(update={"threads": 1}), installed())
+
+
+@cache
+def evaluators() -> tuple[Evaluator, ...]:
+    """All installed evaluators, with their defaults."""
+    registry = installed()
+    offers = (registry.method(name) for name in registry.names(Evaluator))
+    return tuple(offer() for offer in offers if issubclass(offer, Evaluator))
+
+
+def figures(result: Result, case: Case) -> dict[str, float]:
+    """What every evaluator says of a result, by `evaluator.figure`; NaN for None."""
+    found = {}
+    for evaluator in evaluators():
+        for name, value in evaluator.score(result.judgement, case.problem).items():
+            found[f"{evaluator.name}.{name}"] = NONE if value is None else float(value)
+    return found
+
+
+def is_right(error: float, fit_error: float, bend: float) -> bool:
+    """Whether an error counts as right; never where there is none."""
+    limit = RIGHT_M if math.isnan(fit_error) else max(RIGHT_M, RIGHT_FACTOR * math.hypot(fit_error, bend))
+    return math.hypot(error, bend) < limit

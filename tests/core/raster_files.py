@@ -59,10 +59,11 @@ def ground(crs: str, transform: Geotransform, size: int = SIZE) -> np.ndarray:
     return np.stack([x - ORIGIN[0], y - ORIGIN[1]], axis=-1)
 
 
-def brightness(crs: str, transform: Geotransform, size: int = SIZE) -> np.ndarray:
+def brightness(crs: str, transform: Geotransform, size: int = SIZE, spots: np.ndarray = SPOTS) -> np.ndarray:
     """The spots' brightness (size, size) from 0 to 1 at the centre of each pixel."""
-    away = ground(crs, transform, size)[..., None, :] - SPOTS
-    return np.asarray(np.exp(-(away**2).sum(axis=-1) / (2 * SPREAD**2)).sum(axis=-1))
+    here = ground(crs, transform, size)
+    away = ((here - spot) for spot in spots)
+    return np.asarray(sum(np.exp(-(step**2).sum(axis=-1) / (2 * SPREAD**2)) for step in away))
 
 
 def write(path: Path, values: np.ndarray, crs: str | None, transform: Geotransform, **more: Any) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.cog import check_space, writing_raster
+from treereg_core.io.cog import writing_raster
 from treereg_core.io.grid import Grid, Motion, moved
 from treereg_core.io.raster import Raster, quiet_gdal
 from treereg_core.transform import Affine
@@ -46,22 +46,29 @@ def moved_grid(raster: Raster, motion: Motion) -> tuple[Grid, tuple[str, ...]]:
     return found, (warning,) if worst > WARN_PIXELS else ()
 
 
-def rewrite(raster: Raster, grid: Grid, path: Path) -> tuple[Path, ...]:
+def sidecars(raster: Raster, path: Path) -> dict[Path, Path]:
+    """The files that belong to a raster, each with its name beside `path`."""
+    pairs = {Path(f"{raster.path}{end}"): Path(f"{path}{end}") for end in BESIDE}
+    return {old: new for old, new in pairs.items() if old.is_file()}
+
+
+def check_geotiff(raster: Raster) -> None:
+    """Raise `InputError` for a raster whose georeference alone cannot be rewritten."""
+    if raster.driver != "GTiff":
+        raise InputError(
+            f"{raster.path} is no GeoTIFF, so that its georeference alone cannot be rewritten; leave out lossless."
+        )
+
+
+def rewrite(raster: Raster, grid: Grid, path: Path) -> None:
     """Copy a GeoTIFF and what belongs to it to `path`, and give the copy the georeference of `grid`.
 
-    Gives the files that were written. Raises `InputError` when it is no GeoTIFF, or cannot be written.
+    Raises `InputError` when it cannot be written.
     """
     import rasterio
     from rasterio.crs import CRS
 
-    if raster.driver != "GTiff":
-        raise InputError(
-            f"{raster.path} is no GeoTIFF, whose georeference alone could be rewritten; leave out lossless."
-        )
-    sides = [Path(f"{raster.path}{end}") for end in BESIDE]
-    copies = {raster.path: path, **{side: Path(f"{path}{end}") for side, end in zip(sides, BESIDE, strict=True)}}
-    copies = {old: new for old, new in copies.items() if old.is_file()}
-    check_space(path.parent, raster.path, sum(_stored(file) for file in copies))
+    copies = {raster.path: path, **sidecars(raster, path)}
     with writing_raster(path), quiet_gdal():
         for old, new in copies.items():
             copy_sparse(old, new)
@@ -73,13 +80,12 @@ def rewrite(raster: Raster, grid: Grid, path: Path) -> tuple[Path, ...]:
             same = (dataset.width, dataset.height, dataset.count) == (grid.width, grid.height, raster.count)
             if not same or not np.allclose(tuple(dataset.transform), tuple(grid.geotransform()), rtol=1e-12, atol=0):
                 raise InputError(f"{path} was not written as it should be; check the disk, and run it again.")
-    return tuple(new for new in copies.values())
 
 
-def _stored(path: Path) -> int:
-    """How many bytes a file takes on the disk: fewer than its length where it has holes."""
-    found = path.stat()
-    return min(found.st_size, getattr(found, "st_blocks", found.st_size) * 512)
+def stored_bytes(raster: Raster) -> int:
+    """How many bytes a raster's files take on the disk: fewer than their lengths where they have holes."""
+    found = [file.stat() for file in (raster.path, *sidecars(raster, raster.path))]
+    return sum(min(file.st_size, getattr(file, "st_blocks", file.st_size) * 512) for file in found)
 
 
 def copy_sparse(source: Path, target: Path) -> None:

@@ -182,8 +182,8 @@ def _check_size(raster: Raster, dataset: Any) -> None:
     size = grid.width * grid.height * raster.pixel_bytes
     if size > LARGEST_RASTER:
         raise InputError(
-            f"{raster.path} claims {grid.width} x {grid.height} pixels ({size / 2**40:,.0f} TB), too many to be true of "
-            "an orchard; cut it to size."
+            f"{raster.path} claims {grid.width} x {grid.height} pixels ({size / 2**40:,.0f} TB), too many to be true "
+            "of an orchard; cut it to size."
         )
     height, width = dataset.block_shapes[0]
     whole = raster.count if dataset.interleaving and dataset.interleaving.name == "pixel" else 1

@@ -12,12 +12,13 @@ import numpy as np
 from treereg_core.errors import InputError
 from treereg_core.io.cog import bytes_needed, check_space, verify, write_cog, writing_raster
 from treereg_core.io.georeference import write_points, write_world_file
-from treereg_core.io.grid import Grid, Motion, PixelMap, covering, extended
-from treereg_core.io.lossless import moved_grid, rewrite
+from treereg_core.io.grid import Grid, Motion, PixelMap, converted, covering, extended
+from treereg_core.io.lossless import moved_grid, rewrite, sidecars, stored_bytes
 from treereg_core.io.pieces import scales
 from treereg_core.io.raster import Raster, quiet_gdal
 from treereg_core.io.resampling import Resampling
 from treereg_core.io.warping import CACHE_BYTES, Warp
+from treereg_core.transform import FloatArray
 
 WARPED, FINISHED = 0.6, 0.9
 """How much of the work is done when the pixels are moved, and when the file is finished but not read back."""
@@ -56,6 +57,13 @@ class RasterJob:
     grid: Grid
     options: RasterOptions
     warnings: tuple[str, ...] = ()
+
+    def files(self, path: Path) -> tuple[Path, ...]:
+        """What is written when the moved raster is written to `path`."""
+        beside = sidecars(self.raster, path) if self.options.lossless else {}
+        more = [path.with_suffix(".tfw")] if self.options.world_file else []
+        more += [Path(f"{path}.points")] if self.options.gcp_points else []
+        return (path, *beside.values(), *more)
 
     def write(self, path: Path, progress: Callable[[float], None] = lambda share: None) -> tuple[str, ...]:
         """Write the moved raster to `path`, and what was asked for beside it; gives warnings.
@@ -100,6 +108,7 @@ def raster_job(raster: Raster, motion: Motion, onto: Grid | None, options: Raste
     """
     if options.lossless:
         grid, warnings = moved_grid(raster, motion)
+        check_raster_space(raster, grid, motion, options, folder)
         return RasterJob(raster, motion, grid, options, raster.warnings + warnings)
     if onto is None:
         grid = covering(raster.grid, motion, raster.path)
@@ -107,14 +116,27 @@ def raster_job(raster: Raster, motion: Motion, onto: Grid | None, options: Raste
         grid = extended(onto, raster.grid, motion, raster.path)
     else:
         grid = onto
-    pixels = PixelMap(grid, raster.grid, motion)
     job = RasterJob(raster, motion, grid, options, raster.warnings)
-    _check_overlap(job, extended(grid, raster.grid, motion, raster.path), pixels)
-    check_space(folder, raster.path, bytes_needed(raster, grid.width, grid.height, scales(pixels)))
+    _check_overlap(job, extended(grid, raster.grid, motion, raster.path))
+    check_raster_space(raster, grid, motion, options, folder)
     return job
 
 
-def _check_overlap(job: RasterJob, reach: Grid, pixels: PixelMap) -> None:
+def check_raster_space(raster: Raster, grid: Grid, motion: Motion, options: RasterOptions, folder: Path) -> None:
+    """Raise `InputError` when a folder's disk has no room for a raster that is moved onto a grid."""
+    if options.lossless:
+        check_space(folder, raster.path, stored_bytes(raster))
+    else:
+        scale = scales(PixelMap(grid, raster.grid, motion))
+        check_space(folder, raster.path, bytes_needed(raster, grid.width, grid.height, scale))
+
+
+def raster_outline(raster: Raster, crs: str) -> FloatArray:
+    """Points (n, 2) along the edge of a raster, full coordinates in `crs`; not finite where that does not reach."""
+    return converted(raster.grid.map_from_pixel(raster.grid.outline()), raster.grid.crs, crs)
+
+
+def _check_overlap(job: RasterJob, reach: Grid) -> None:
     """Refuse a raster of which the grid shows nothing. `reach`: the same pixels where the moved source lies."""
     first = job.grid.map_from_pixel.inverse()(reach.map_from_pixel.shift[None])[0]
     beyond = first + np.array([reach.width, reach.height])

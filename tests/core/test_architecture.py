@@ -16,8 +16,8 @@ PLUGINS = sorted((ROOT / "plugins").glob("*/treereg_*"))
 RUNNER = {
     f"treereg_core.{name}"
     for name in (
-        *("api", "cli", "description", "detection", "expression", "io", "judge", "memory", "options", "outputs"),
-        *("pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
+        *("api", "application", "cli", "description", "detection", "expression", "io", "judge", "memory"),
+        *("options", "outputs", "pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
         *("survey", "survey_rasters", "testing"),
     )
 }

@@ -3,6 +3,7 @@
 `read_survey` and `read_surveys` read survey folders into one working frame, `read_transform` the transform in a file;
 `write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`;
 `read_raster` and `raster_job` check a raster and say what moving it will do, which a `RasterJob` then does;
+`move_vector` moves a vector file;
 `write_rows` writes the rows of one survey, `read_series` reads the surveys of a series, `write_tree_table` and
 `write_tree_points` write its trees. `read_memory` and `write_memory` keep what an orchard's surveys taught.
 """
@@ -23,8 +24,9 @@ from treereg_core.io.raster import Raster, read_raster
 from treereg_core.io.rasters import Extent, RasterJob, RasterOptions, check_raster_space, raster_job, raster_outline
 from treereg_core.io.reading import read_series, read_survey, read_surveys
 from treereg_core.io.resampling import Resampling
-from treereg_core.io.transforms import full_from_frame, read_transform
+from treereg_core.io.transforms import full_from_frame, read_motion, read_transform
 from treereg_core.io.trees import write_tree_points, write_tree_table
+from treereg_core.io.vectors import is_vector, move_vector, vector_names
 from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows
 
 __all__ = [
@@ -46,15 +48,19 @@ __all__ = [
     "full_coordinates",
     "full_from_frame",
     "is_survey_file",
+    "is_vector",
     "memory_lock",
+    "move_vector",
     "raster_job",
     "raster_outline",
     "read_memory",
+    "read_motion",
     "read_raster",
     "read_series",
     "read_survey",
     "read_surveys",
     "read_transform",
+    "vector_names",
     "write_json",
     "write_matches",
     "write_memory",

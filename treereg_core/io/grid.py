@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.crs import converter
+from treereg_core.io.crs import converter, is_geographic
 from treereg_core.transform import Affine, FloatArray
 
 SLACK = 1e-3
@@ -115,9 +115,16 @@ def converted(xy: FloatArray, source: str, target: str) -> FloatArray:
 
 
 def moved(xy: FloatArray, crs: str, motion: Motion, target: str) -> FloatArray:
-    """Coordinates (n, 2) of the source survey in `crs` to those of the reference in `target`."""
+    """Coordinates (n, 2) of the source survey in `crs` to those of the reference in `target`.
+
+    In degrees longitudes stay on the side of the antimeridian on which they were, so that what crosses it stays whole.
+    """
     working = converted(xy, crs, motion.crs)
-    return converted(motion.reference_from_source(working), motion.crs, target)
+    there = converted(motion.reference_from_source(working), motion.crs, target)
+    if crs == target and is_geographic(crs):
+        with np.errstate(invalid="ignore"):
+            there[:, 0] += 360 * np.round((xy[:, 0] - there[:, 0]) / 360)
+    return there
 
 
 def covering(source: Grid, motion: Motion, path: Path) -> Grid:

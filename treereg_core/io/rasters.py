@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +96,7 @@ class RasterJob:
                 aside.replace(path)
         finally:
             for file in (plain, aside):
-                for rest in path.parent.glob(f"{file.name}*"):
+                for rest in path.parent.glob(f"{escape(file.name)}*"):
                     rest.unlink(missing_ok=True)
         return () if shows else (f"{self.raster.path} holds no data where it was moved; check what it shows.",)
 

@@ -290,6 +290,7 @@ BAD: list[tuple[list[str], str]] = [
     (["there.json", "in/a.tif", "--resampling", "best"], "--resampling is best, but must be auto or nearest"),
     (["there.json", "in/a.tif", "--threads", "0"], "--threads is 0"),
     (["there.json", "in/a.tif", "--grid", "in/a.geojson"], "in/a.geojson cannot be read as a raster"),
+    (["there.json", "in/a.png", "--lossless"], "in/a.png is no GeoTIFF"),
     (["there.json", "in/a.tif", "in/cut.tif"], "in/cut.tif is cut off"),
     (["there.json", "in/a.tif", "in/broken.geojson"], "in/broken.geojson is not JSON, or is cut off"),
     (["there.json", "in/a.tif", "in/broken.gpkg"], "in/broken.gpkg is not a GeoPackage"),
@@ -308,6 +309,7 @@ def test_what_is_refused_is_one_sentence_and_leaves_nothing(
     shutil.copy("in/a.tif", "twin/A.tif")
     Path("in/a.geojson").write_text(json.dumps(collection(trees())))
     Path("in/notes.txt").write_text("x")
+    rasterio.shutil.copy("in/a.tif", "in/a.png", driver="PNG", worldfile=True)
     Path("in/cut.tif").write_bytes(Path("in/a.tif").read_bytes()[:-500])
     Path("in/nowhere.geojson").write_text(json.dumps({"type": "Point", "coordinates": [1, None]}))
     for name in ("broken.geojson", "broken.gpkg", "broken.parquet", "broken.shp"):

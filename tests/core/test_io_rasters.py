@@ -272,6 +272,27 @@ def test_the_same_bytes_at_any_number_of_threads(tmp_path: Path, monkeypatch: py
     assert all(move(source, onto, threads=threads).read_bytes() == first for threads in (2, 5))
 
 
+@pytest.mark.parametrize("dtype", ["int64", "uint64"])
+def test_numbers_too_large_for_floating_point_are_kept(tmp_path: Path, dtype: str) -> None:
+    values = (2**60 + np.arange(SIZE * SIZE)).reshape(1, SIZE, SIZE).astype(dtype)
+    source = write(tmp_path / "a.tif", values, *placed("rotated"))
+    small = write(tmp_path / "b.tif", (values - 2**60).astype("uint32"), *placed("rotated"))
+    onto = painted(tmp_path / "grid.tif")
+    found, expected = (move(path, onto, resampling=Resampling.NEAREST) for path in (source, small))
+    assert np.array_equal(mask(found), mask(expected))
+    assert np.array_equal(pixels(found)[:, mask(found)] - 2**60, pixels(expected)[:, mask(expected)])
+
+
+@pytest.mark.parametrize("dtype", ["int8", "int16", "uint32", "int32", "float64", "complex64"])
+def test_other_types(tmp_path: Path, dtype: str) -> None:
+    with rasterio.open(painted(tmp_path / "p.tif", dtype="uint16")) as file:
+        values = (file.read() // 256).astype(dtype)
+    target = move(write(tmp_path / "a.tif", values, *placed("north up")))
+    with rasterio.open(target) as file:
+        assert file.dtypes == (dtype,)
+    assert dtype == "complex64" or misplaced(target, after()) < 0.1
+
+
 def test_auto_takes_what_suits_the_raster(tmp_path: Path) -> None:
     def method(**more: Any) -> str:
         return Resampling.AUTO.for_raster(read_raster(painted(tmp_path / "a.tif", **more))).value

@@ -34,6 +34,7 @@ class Raster:
     - `grid`: where its pixels lie. `dtype`: the one type of all bands, as numpy names it.
     - `nodata`: the value that means none, for floating point types NaN where the file names none; else None.
     - `alpha`: the band of opacity, counted from 1, or 0. `masked`: whether a mask of its own says which pixels count.
+    - `strips`: whether it is stored in whole rows, so that reading a part of some reads them all.
     - `classes`: whether values are names of things, so that a value between two is none.
     - `files`: the file and those that belong to it.
     """
@@ -46,6 +47,7 @@ class Raster:
     nodata: float | None
     alpha: int
     masked: bool
+    strips: bool
     classes: bool
     files: tuple[Path, ...]
     warnings: tuple[str, ...] = ()
@@ -107,6 +109,7 @@ def _described(path: Path, dataset: Any, fallback: tuple[str, FloatArray | None]
         nodata=dataset.nodata,
         alpha=0,
         masked=False,
+        strips=dataset.block_shapes[0][1] == dataset.width,
         classes=_has_classes(dataset),
         files=tuple(Path(name) for name in dataset.files),
     )

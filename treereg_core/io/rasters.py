@@ -14,7 +14,7 @@ from treereg_core.errors import InputError
 from treereg_core.io.cog import bytes_needed, check_space, verify, write_cog, writing_raster
 from treereg_core.io.georeference import write_points, write_world_file
 from treereg_core.io.grid import Grid, Motion, PixelMap, converted, covering, extended
-from treereg_core.io.lossless import moved_grid, rewrite, sidecars, stored_bytes
+from treereg_core.io.lossless import check_geotiff, moved_grid, rewrite, sidecars, stored_bytes
 from treereg_core.io.pieces import scales
 from treereg_core.io.raster import Raster, quiet_gdal
 from treereg_core.io.resampling import Resampling
@@ -108,6 +108,7 @@ def raster_job(raster: Raster, motion: Motion, onto: Grid | None, options: Raste
     `InputError` when the raster would lie beside that grid, when a CRS does not reach, or the disk is too small.
     """
     if options.lossless:
+        check_geotiff(raster)
         grid, warnings = moved_grid(raster, motion)
         check_raster_space(raster, grid, motion, options, folder)
         return RasterJob(raster, motion, grid, options, raster.warnings + warnings)

@@ -109,7 +109,9 @@ class Kernel:
     def _band(self, source: Pixels, weight: Mask, piece: Piece) -> tuple[Pixels, Mask]:
         """Bands that share which pixels count; the fill stands where none is shown."""
         size = (piece.target.height, piece.target.width)
-        if weight.all():
+        if self.method is Resampling.NEAREST and source.dtype in (np.int64, np.uint64):
+            values, shown = self._picked(source, weight, piece)
+        elif weight.all():
             values = np.zeros((len(source), *size), dtype=source.dtype)
             self._warp(source, values, piece)
             shown = self._inside(piece)
@@ -128,6 +130,19 @@ class Kernel:
         if nodata is None:
             return values, shown
         return self._marked(values, shown, values.dtype.type(nodata)), shown
+
+    def _picked(self, source: Pixels, weight: Mask, piece: Piece) -> tuple[Pixels, Mask]:
+        """The nearest pixels, picked here: GDAL takes whole numbers of 64 bits through floating point."""
+        target, window = piece.target, piece.source
+        columns = target.column + 0.5 + np.arange(target.width)
+        rows = target.row + 0.5 + np.arange(target.height)
+        centres = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+        at = np.floor(piece.source_from_target(centres)).astype(np.int64)
+        column = np.clip(at[:, 0] - window.column, 0, window.width - 1)
+        row = np.clip(at[:, 1] - window.row, 0, window.height - 1)
+        size = (target.height, target.width)
+        shown = weight[row, column].reshape(size) & self._inside(piece)
+        return np.where(shown, source[:, row, column].reshape(-1, *size), 0).astype(source.dtype), shown
 
     @staticmethod
     def _marked(values: Pixels, shown: Mask, nodata: Any) -> Pixels:

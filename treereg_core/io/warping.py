@@ -21,8 +21,8 @@ from treereg_core.io.raster import Raster, quiet_gdal
 from treereg_core.io.raster_tags import describe
 from treereg_core.io.resampling import Kernel, Mask, Pixels, Resampling
 
-CACHE_BYTES = 96 * 2**20
-"""How many bytes of pixels GDAL may keep."""
+CACHE_BYTES = 192 * 2**20
+"""How many bytes of pixels GDAL may keep: the rows that a row of pieces needs of a wide raster that is not tiled."""
 MOST_THREADS = 8
 """More would hold too many pieces in memory."""
 BLOCK = 512
@@ -53,7 +53,7 @@ class Warp:
         with (
             quiet_gdal(GDAL_CACHEMAX=CACHE_BYTES, GDAL_TIFF_INTERNAL_MASK=True),
             self._target(path) as (target, mask),
-            _Readers(self.raster, self.workers) as readers,
+            _Readers(self.raster, 1 if self.raster.strips else self.workers) as readers,
         ):
 
             def made(piece: Piece) -> tuple[Pixels, Mask]:
@@ -147,7 +147,10 @@ class Warp:
 
 
 class _Readers:
-    """Handles of the source, one for each piece that is in the making: GDAL's may not be shared."""
+    """Handles of the source, which may not be shared: one for each piece in the making.
+
+    A raster in strips has a single one, since what one handle has read is of no use to another.
+    """
 
     def __init__(self, raster: Raster, count: int) -> None:
         self._raster = raster

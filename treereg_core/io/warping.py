@@ -21,8 +21,10 @@ from treereg_core.io.raster import Raster, quiet_gdal
 from treereg_core.io.raster_tags import describe
 from treereg_core.io.resampling import Kernel, Mask, Pixels, Resampling
 
-CACHE_BYTES = 192 * 2**20
-"""How many bytes of pixels GDAL may keep: the rows that a row of pieces needs of a wide raster that is not tiled."""
+CACHE_BYTES = 64 * 2**20
+"""How many bytes of pixels GDAL may keep."""
+STRIPS_CACHE_BYTES = 192 * 2**20
+"""The same for a raster in strips: the whole rows of which a row of pieces needs parts."""
 MOST_THREADS = 8
 """More would hold too many pieces in memory."""
 BLOCK = 512
@@ -51,7 +53,9 @@ class Warp:
         kernel = Kernel.of(self.raster, self.method, self.pixels)
         shows = False
         with (
-            quiet_gdal(GDAL_CACHEMAX=CACHE_BYTES, GDAL_TIFF_INTERNAL_MASK=True),
+            quiet_gdal(
+                GDAL_CACHEMAX=STRIPS_CACHE_BYTES if self.raster.strips else CACHE_BYTES, GDAL_TIFF_INTERNAL_MASK=True
+            ),
             self._target(path) as (target, mask),
             _Readers(self.raster, 1 if self.raster.strips else self.workers) as readers,
         ):

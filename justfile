@@ -53,6 +53,10 @@ learning *arguments:
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}
 
+# Moved rasters beside gdalwarp, and the memory of a huge one
+rasters *arguments:
+    uv run python -m benchmarks.rasters {{ arguments }}
+
 # Seconds until the command line answers
 startup *arguments:
     uv run python -m benchmarks.startup {{ arguments }}

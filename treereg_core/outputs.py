@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from treereg_core import io
 from treereg_core.pipeline import Clock
 from treereg_core.result import Result
 from treereg_core.survey import Survey
+from treereg_core.survey_rasters import RasterPlan
 from treereg_core.transform import Affine
 
 REGISTRATION = "registration.json"
@@ -17,19 +19,42 @@ MATCHES = "tree_matches.geojson"
 RUN_FILES = (REGISTRATION, DETECTIONS, MATCHES)
 
 
-def write_result(result: Result, folder: Path, force: bool = False) -> tuple[str, ...]:
-    """Write a result of two surveys into a folder and give the names of the files.
+@dataclass(frozen=True)
+class Written:
+    """The names of the files that were written, and sentences for people."""
+
+    names: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def write_result(
+    result: Result,
+    folder: Path,
+    force: bool = False,
+    rasters: RasterPlan | None = None,
+    progress: Callable[[str, float], None] = lambda kind, share: None,
+) -> Written:
+    """Write a result of two surveys into a folder, its rasters too where there is a plan of them.
 
     The registered files are written when the result is accepted or with `force`, and never without a placement.
+    `progress` is given the kind of a raster and how much of it is done.
     """
     clock = Clock(dict(result.timings))
     names: tuple[str, ...] = (REGISTRATION,)
-    with clock("write"):
-        if result.transform is not None and (result.accepted or force):
+    more: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    if result.transform is not None and (result.accepted or force):
+        with clock("write"):
             write_registered(result, result.transform, folder)
             names = RUN_FILES
+        if rasters and rasters.rasters and result.frame:
+            motion = io.Motion(result.frame.crs, result.full_coordinates(result.transform))
+            with clock("rasters"):
+                more, warnings = rasters.write(motion, folder, progress)
+    else:
+        clock.seconds.setdefault("write", 0.0)
     io.write_json(folder / REGISTRATION, replace(result, timings=clock.seconds).to_json())
-    return names
+    return Written(names + more, warnings)
 
 
 def write_registered(result: Result, transform: Affine, folder: Path) -> None:

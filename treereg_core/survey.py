@@ -37,6 +37,7 @@ class Survey:
     - `boundary`: the orchard's outline in `frame`, metres, or None. It is of the reference's making, so it must not
       crop a source that is not registered yet.
     - `warnings`: one sentence each, for stderr.
+    - `visible`, `dem`: the rasters in the folder, not read yet.
     """
 
     path: Path
@@ -47,3 +48,5 @@ class Survey:
     digest: str
     boundary: Geometry | None = None
     warnings: tuple[str, ...] = ()
+    visible: Path | None = None
+    dem: Path | None = None

@@ -16,9 +16,9 @@ PLUGINS = sorted((ROOT / "plugins").glob("*/treereg_*"))
 RUNNER = {
     f"treereg_core.{name}"
     for name in (
-        *("api", "cli", "description", "detection", "expression", "io", "judge", "memory", "options", "outputs"),
-        *("pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
-        *("survey", "testing"),
+        *("api", "application", "cli", "description", "detection", "expression", "io", "judge", "memory"),
+        *("options", "outputs", "pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
+        *("survey", "survey_rasters", "testing"),
     )
 }
 """What runs methods, reads files and judges: not for plugins. The rest of the core is public."""

@@ -172,7 +172,9 @@ def test_settings_from_a_file_and_the_command_line(orchard: Path) -> None:
     [
         (["run", "only-one"], "give REFERENCE and SOURCE, or neither"),
         (["run", "no-a", "no-b"], "no-a: there is no such folder"),
-        (["run", "--rasters", "none"], "No such option: --rasters"),
+        (["run", "--rasters", "jpeg"], "--rasters is jpeg, but must be cog or lossless or none"),
+        (["run", "--resampling", "best"], "--resampling is best, but must be auto or nearest or bilinear"),
+        (["run", "--extent", "all"], "--extent is all, but must be reference or source"),
         (["run", "--report"], "No such option: --report"),
         (["run", "--method", "ipc"], "there is no method 'ipc'; the nearest right expression is 'icp'."),
         (["run", "--method", "icp+confidence"], "nearest right expression is 'confidence+icp'"),

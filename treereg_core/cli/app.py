@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from treereg_core.cli.apply import apply
 from treereg_core.cli.check import check
 from treereg_core.cli.console import console
 from treereg_core.cli.evaluate import evaluate
@@ -52,6 +53,7 @@ def _treereg(
 
 for _command, _words in (
     (run, "Register one survey folder onto another."),
+    (apply, "Move files of the source survey by a transform that was found."),
     (methods, "List what is installed, or the settings of one method."),
     (check, "Run the contract's laws on a method or a plugin."),
     (rows, "Find and number the planting rows of one survey."),

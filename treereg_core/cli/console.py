@@ -16,15 +16,34 @@ class Console:
 
     verbose: bool = False
     quiet: bool = False
+    shown: str = ""
 
     def reset(self) -> None:
         """Back to the ordinary amount, for the next command of the same process."""
         self.verbose = self.quiet = False
+        self.shown = ""
 
     def progress(self, message: str) -> None:
         """What is being done; silent with `-q`."""
         if not self.quiet:
             self.say(message)
+
+    def share(self, what: str, done: float) -> None:
+        """How much of something is done, from 0 to 1: one line that changes, and only on a terminal."""
+        if self.quiet or not sys.stderr.isatty():
+            return
+        text = f"{what} {min(done, 1.0):4.0%}"
+        if text != self.shown:
+            print(f"\r{plain(text)}", end="", file=sys.stderr, flush=True)
+        self.shown = text
+        if done >= 1:
+            self.end_line()
+
+    def end_line(self) -> None:
+        """Whatever comes next begins a line of its own."""
+        if self.shown:
+            print(file=sys.stderr, flush=True)
+        self.shown = ""
 
     def warn(self, message: str) -> None:
         """Something a user should know; `-q` does not silence it."""
@@ -36,10 +55,15 @@ class Console:
             traceback.print_exception(error, file=sys.stderr)
         self.say(f"treereg: {message}" if message.endswith((".", "?")) else f"treereg: {message}.")
 
-    @staticmethod
-    def say(message: str) -> None:
-        """One line on stderr; what a terminal would obey (line ends, escapes) in a name is shown, not carried out."""
-        print("".join(c if c.isprintable() else repr(c)[1:-1] for c in message), file=sys.stderr, flush=True)
+    def say(self, message: str) -> None:
+        """One line on stderr."""
+        self.end_line()
+        print(plain(message), file=sys.stderr, flush=True)
+
+
+def plain(message: str) -> str:
+    """A text in which what a terminal would obey (line ends, escapes in a name) is shown, not carried out."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
 
 
 console = Console()

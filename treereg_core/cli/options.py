@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
+from treereg_core import io
+from treereg_core.errors import UsageError
 from treereg_core.options import defaults
 
 DEFAULTS = defaults()
@@ -26,3 +30,39 @@ Set = Annotated[
 Seed = Annotated[int, typer.Option(help="Everything random derives from it.")]
 Threads = Annotated[int | None, typer.Option(help="At most this many; default: all processors.")]
 ConfidenceProperty = Annotated[str, typer.Option(metavar="NAME", help="The property that holds the confidence.")]
+ResamplingName = Annotated[
+    str, typer.Option(metavar="|".join(way.value for way in io.Resampling), help="How pixels are made of others.")
+]
+WorldFile = Annotated[bool, typer.Option("--world-file", help="Write a world file beside each raster.")]
+GcpPoints = Annotated[
+    bool, typer.Option("--gcp-points", help="Write ground control points for QGIS beside each raster.")
+]
+
+E = TypeVar("E", bound=Enum)
+
+
+class RasterWay(Enum):
+    """How rasters are moved: as cloud-optimised GeoTIFFs, by their georeference alone, or not at all."""
+
+    COG = "cog"
+    LOSSLESS = "lossless"
+    NONE = "none"
+
+
+def choice(text: str, kind: type[E], option: str) -> E:
+    """The member of an enumeration with this value; `UsageError` names the option and what it may be."""
+    try:
+        return kind(text)
+    except ValueError:
+        known = " or ".join(str(member.value) for member in kind)
+        raise UsageError(f"{option} is {text}, but must be {known}") from None
+
+
+def raster_options(words: tuple[str, str, str], beside: tuple[bool, bool], threads: int) -> io.RasterOptions | None:
+    """What `--rasters`, `--resampling` and `--extent`, `--world-file` and `--gcp-points` say; None for no rasters."""
+    way = choice(words[0], RasterWay, "--rasters")
+    method = choice(words[1], io.Resampling, "--resampling")
+    reach = choice(words[2], io.Extent, "--extent")
+    if way is RasterWay.NONE:
+        return None
+    return io.RasterOptions(way is RasterWay.LOSSLESS, method, reach, *beside, min(threads, os.cpu_count() or 1))

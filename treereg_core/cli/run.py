@@ -16,15 +16,19 @@ from treereg_core.cli.demonstration import DEMONSTRATION, made_at, make_orchard,
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
+    GcpPoints,
     GeoreferenceSd,
     MaxFailure,
     Method,
     ModelName,
     Out,
     Overwrite,
+    ResamplingName,
     Seed,
     Set,
     Threads,
+    WorldFile,
+    raster_options,
 )
 from treereg_core.cli.summary import summary
 from treereg_core.errors import UsageError
@@ -36,6 +40,7 @@ from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
 from treereg_core.settings import merge, parse_assignments, record
 from treereg_core.survey import Survey
+from treereg_core.survey_rasters import raster_plan
 
 
 def run(
@@ -66,6 +71,13 @@ def run(
             help="What earlier surveys of this orchard taught; read, and updated when the result is accepted.",
         ),
     ] = None,
+    rasters: Annotated[
+        str, typer.Option(metavar="cog|lossless|none", help="How the source's rasters are moved onto the reference's.")
+    ] = "cog",
+    resampling: ResamplingName = "auto",
+    extent: Annotated[str, typer.Option(metavar="reference|source", help="How far moved rasters reach.")] = "reference",
+    world_file: WorldFile = False,
+    gcp_points: GcpPoints = False,
     force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
     seed: Seed = 0,
     threads: Threads = None,
@@ -89,6 +101,7 @@ def run(
         "threads": threads,
     }
     plan = settle(given, config)
+    beside = raster_options((rasters, resampling, extent), (world_file, gcp_points), plan.options.threads)
     inputs = [folder for folder in (reference, source) if folder]
     with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
         truth = None
@@ -102,10 +115,15 @@ def run(
             surveys = made_at(places[0], surveys[0]), made_at(places[1], surveys[1])
         for warning in (*surveys[0].warnings, *surveys[1].warnings):
             console.warn(warning)
+        moving = raster_plan(surveys, beside, folder) if beside else None
+        for warning in moving.warnings if moving else ():
+            console.warn(warning)
         result = execute(plan, surveys, clock, console.progress)
         for warning in result.warnings:
             console.warn(warning)
-        files = write_result(result, folder, force)
+        written = write_result(result, folder, force, moving, console.share)
+        for warning in written.warnings:
+            console.warn(warning)
         error_m = true_error(result, truth) if truth else None
         text = (folder / REGISTRATION).read_bytes()
     if as_json:
@@ -113,7 +131,7 @@ def run(
         if error_m is not None:
             console.progress(f"true error {error_m:.3f} m")
     else:
-        print(summary(result, out, files, error_m))
+        print(summary(result, out, written.names, error_m))
     return 0 if result.accepted else 3
 
 

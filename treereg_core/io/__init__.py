@@ -2,6 +2,8 @@
 
 `read_survey` and `read_surveys` read survey folders into one working frame, `read_transform` the transform in a file;
 `write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`;
+`read_raster` and `raster_job` check a raster and say what moving it will do, which a `RasterJob` then does;
+`move_vector` moves a vector file;
 `write_rows` writes the rows of one survey, `read_series` reads the surveys of a series, `write_tree_table` and
 `write_tree_points` write its trees. `read_memory` and `write_memory` keep what an orchard's surveys taught.
 `read_images` and `read_checkpoints` read what evaluators compare.
@@ -9,6 +11,7 @@
 
 from treereg_core.io.checkpoints import read_checkpoints
 from treereg_core.io.crs import full_coordinates
+from treereg_core.io.grid import Grid, Motion
 from treereg_core.io.images import read_image, read_images
 from treereg_core.io.memory import (
     MEMORY,
@@ -20,31 +23,50 @@ from treereg_core.io.memory import (
     write_memory,
 )
 from treereg_core.io.output import RUN_NAMES, SIMULATION_NAMES, OutputFolder
+from treereg_core.io.raster import Raster, read_raster
+from treereg_core.io.rasters import Extent, RasterJob, RasterOptions, check_raster_space, raster_job, raster_outline
 from treereg_core.io.reading import read_series, read_survey, read_surveys
-from treereg_core.io.transforms import full_from_frame, read_transform
+from treereg_core.io.resampling import Resampling
+from treereg_core.io.transforms import full_from_frame, read_motion, read_transform
 from treereg_core.io.trees import write_tree_points, write_tree_table
+from treereg_core.io.vectors import is_vector, move_vector, vector_names
 from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows, write_text
 
 __all__ = [
     "MEMORY",
     "RUN_NAMES",
     "SIMULATION_NAMES",
+    "Extent",
+    "Grid",
+    "Motion",
     "OutputFolder",
+    "Raster",
+    "RasterJob",
+    "RasterOptions",
+    "Resampling",
     "check_memory_folder",
+    "check_raster_space",
     "check_value",
     "damaged",
     "full_coordinates",
     "full_from_frame",
     "is_survey_file",
+    "is_vector",
     "memory_lock",
+    "move_vector",
+    "raster_job",
+    "raster_outline",
     "read_checkpoints",
     "read_image",
     "read_images",
     "read_memory",
+    "read_motion",
+    "read_raster",
     "read_series",
     "read_survey",
     "read_surveys",
     "read_transform",
+    "vector_names",
     "write_json",
     "write_matches",
     "write_memory",

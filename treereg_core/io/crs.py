@@ -46,6 +46,14 @@ def crs_name(crs: CRS) -> str:
     return ":".join(authority) if authority else crs.to_wkt()
 
 
+@lru_cache(maxsize=32)
+def is_geographic(name: str) -> bool:
+    """Whether coordinates in the CRS of this name are degrees."""
+    from pyproj import CRS
+
+    return bool(CRS.from_user_input(name).is_geographic)
+
+
 def is_true_metres(crs: CRS, lonlat: FloatArray) -> bool:
     """Whether a CRS is projected, east before north, with units that are true metres at this place."""
     from pyproj import Proj

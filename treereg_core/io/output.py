@@ -19,12 +19,12 @@ STAGING = ".treereg-staging-"
 _SURVEY = ("raw-detections.geojson", "boundary.geojson", "visible_10cm.tif", "dem_10cm.tif")
 SIMULATION_NAMES = ("truth.json", *(f"{role}/{name}" for role in ("reference", "source") for name in _SURVEY))
 """The files that `treereg simulate` writes."""
+_RASTER_ENDS = (".tif", ".tif.ovr", ".tif.msk", ".tif.aux.xml", ".tif.points", ".tfw")
 RUN_NAMES = (
     "registration.json",
     "detections_registered.geojson",
     "tree_matches.geojson",
-    "visible_registered.tif",
-    "dem_registered.tif",
+    *(f"{kind}_registered{end}" for kind in ("visible", "dem") for end in _RASTER_ENDS),
     "report.html",
     "report-data.json",
     *(f"demonstration/{name}" for name in SIMULATION_NAMES),

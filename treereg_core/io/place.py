@@ -56,6 +56,8 @@ def place(capture: Capture, frame: Frame) -> Survey:
         digest=_digest(capture),
         boundary=boundary,
         warnings=capture.warnings + warnings + boundary_warnings,
+        visible=capture.files.visible,
+        dem=capture.files.dem,
     )
 
 

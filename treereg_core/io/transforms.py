@@ -10,6 +10,7 @@ import numpy as np
 from treereg_core.errors import InputError
 from treereg_core.io.crs import converter, crs_name, full_coordinates, parse_crs
 from treereg_core.io.files import read_json
+from treereg_core.io.grid import Motion
 from treereg_core.survey import Frame
 from treereg_core.transform import Affine, FloatArray, Model, Rigid, Similarity
 
@@ -23,11 +24,7 @@ def read_transform(path: Path, frame: Frame) -> Affine:
     `matrix` and perhaps `model`; without a model it is of the narrowest kind that the matrix is. In another CRS it is
     fitted anew around the frame's origin. Raises `InputError` for a file without such a transform.
     """
-    document = read_json(path)
-    if not isinstance(document, dict) or "transform" not in document:
-        raise InputError(
-            f"{path} holds no transform; give a registration.json, misregistration.json or truth.json instead."
-        )
+    document = _document(path)
     record = document["transform"]
     if record is None:
         raise InputError(f"{path} is of a registration that failed and has no transform; give another one.")
@@ -35,15 +32,64 @@ def read_transform(path: Path, frame: Frame) -> Affine:
         record = {"matrix": record}
     full = _affine(record.get("matrix"), path)
     model = _model(record.get("model"), path)
+    crs = _crs(document, path)
+    if crs == frame.crs:
+        return _of_kind(full.about(frame.origin), model, path)
+    return _converted(full, crs, frame, model, path)
+
+
+def read_motion(path: Path, rival: int | None = None, force: bool = False) -> Motion:
+    """The transform in a file of ours, in the file's own CRS.
+
+    `rival` takes another placement of the registration, counted from 1. A registration that was not accepted needs
+    that, or `force`. Raises `InputError` for a file without such a transform.
+    """
+    document = _document(path)
+    crs = _crs(document, path)
+    if rival is not None:
+        return Motion(crs, _affine(_rival(document, rival, path), path))
+    record, verdict = document["transform"], document.get("verdict", "accepted")
+    if record is None:
+        raise InputError(
+            f"{path} is of a registration that failed and has no transform; choose a placement with --rival, or give "
+            "another file."
+        )
+    if verdict != "accepted" and not force:
+        raise InputError(
+            f"{path} is of a registration that is {verdict!s:.40}, not accepted; choose a placement with --rival, or "
+            "take its own with --force."
+        )
+    return Motion(crs, _affine(record.get("matrix") if isinstance(record, dict) else record, path))
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """The object in a file of ours, which has a transform, perhaps null."""
+    document = read_json(path)
+    if not isinstance(document, dict) or "transform" not in document:
+        raise InputError(
+            f"{path} holds no transform; give a registration.json, misregistration.json or truth.json instead."
+        )
+    return document
+
+
+def _crs(document: dict[str, Any], path: Path) -> str:
     if not isinstance(document.get("crs"), str):
         raise InputError(f"{path} does not say in which CRS its transform is; add it as 'crs', such as EPSG:32734.")
     known = parse_crs(document["crs"], path)
     if not known.is_projected:
         raise InputError(f"{path} has a transform in {known.name}, which is not projected; give one in metres.")
-    crs = crs_name(known)
-    if crs == frame.crs:
-        return _of_kind(full.about(frame.origin), model, path)
-    return _converted(full, crs, frame, model, path)
+    return crs_name(known)
+
+
+def _rival(document: dict[str, Any], number: int, path: Path) -> Any:
+    """The matrix of a rival, counted from 1."""
+    rivals = document.get("rivals")
+    if not isinstance(rivals, list) or not rivals:
+        raise InputError(f"{path} names no rivals; leave out --rival.")
+    if not 1 <= number <= len(rivals):
+        raise InputError(f"{path} names {len(rivals)} rivals, and there is no number {number}; count from 1.")
+    chosen = rivals[number - 1]
+    return chosen.get("matrix") if isinstance(chosen, dict) else None
 
 
 def full_from_frame(frame: Frame, crs: str) -> Affine:

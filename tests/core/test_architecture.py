@@ -16,7 +16,19 @@ PLUGINS = sorted((ROOT / "plugins").glob("*/treereg_*"))
 RUNNER = {
     f"treereg_core.{name}"
     for name in (
-        *("api", "cli", "description", "detection", "expression", "io", "judge", "memory", "options", "outputs"),
+        *(
+            "api",
+            "cli",
+            "description",
+            "detection",
+            "expression",
+            "heights",
+            "io",
+            "judge",
+            "memory",
+            "options",
+            "outputs",
+        ),
         *("pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
         *("survey", "testing"),
     )

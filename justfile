@@ -45,6 +45,14 @@ rows *arguments:
 series *arguments:
     uv run python -m benchmarks.series {{ arguments }}
 
+# How well rasters tell heights of trees: `just rasters --seeds 5`
+rasters *arguments:
+    uv run python -m benchmarks.rasters {{ arguments }}
+
+# What heights would do for the judge: `just heights --seeds 50`
+heights *arguments:
+    uv run python -m benchmarks.heights {{ arguments }}
+
 # Seconds and memory over sizes of orchards
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}

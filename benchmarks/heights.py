@@ -1,19 +1,25 @@
-"""Whether heights of trees help the judge: the same trials with and without them.
+"""Whether heights of trees would help the judge: the same trials with and without them as evidence.
 
     python -m benchmarks.heights --seeds 100 --first-seed 500000
+    python -m benchmarks.heights --one-raster --seeds 40
 
 Each tree has the height that the simulation says, as a raster would tell it: with an error of its own in each survey,
 one in twenty ten times as large. `--persistence` is how much of what sets a tree's height apart lasts from survey to
 survey (default: that of a scene). `--start identity` gives many wrong placements, of which none may be accepted.
+`--one-raster` is another trial: ordinary orchards of 200 trees, written with their rasters and read again, of which the
+elevations of the reference lie in the folders of both surveys.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import shutil
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,9 +30,10 @@ from benchmarks.trial import Conditions, best_error, is_right, plan
 from treereg_core.api import execute
 from treereg_core.features import FeatureSet, nearest
 from treereg_core.heights import HEIGHT
+from treereg_core.io import read_surveys
 from treereg_core.options import defaults
 from treereg_core.pipeline import Clock
-from treereg_core.simulate import FAMILIES, family_scene, simulate
+from treereg_core.simulate import FAMILIES, Scene, Simulation, family_scene, simulate, write_simulation
 from treereg_core.simulate.flight import Flight
 from treereg_core.transform import FloatArray
 
@@ -34,6 +41,10 @@ FAMILIES_ASKED = (
     *("small_150", "small_60", "heavy_overlap_40", "half_rectangle_silent"),
     *("different", "periodic_crops", "periodic_turn"),
 )
+NAME = "told_height"
+"""The attribute that holds heights here; the one that reading a survey makes is no evidence."""
+ONE_RASTER = "one raster"
+ORDINARY = Scene(trees=200)
 ERROR_M = 0.08
 """Of a height that a simulated raster tells, sd."""
 GROSS = 0.05
@@ -73,13 +84,16 @@ def main() -> int:
     add("--first-seed", type=int, default=0, metavar="K", help="seeds from here on (default 0)")
     add("--persistence", type=float, default=None, metavar="SHARE", help="of heights; default: that of a scene")
     add("--error", type=float, default=ERROR_M, metavar="METRES", help=f"of a height, sd (default {ERROR_M})")
+    add("--one-raster", action="store_true", help="for both surveys")
     add("--start", default=defaults()["start"], metavar="NAME", help="default: that of treereg run")
     add("--jobs", type=int, default=2, metavar="N", help="processes, one thread each (default 2)")
     options = parser.parse_args()
-    names = options.family or FAMILIES_ASKED
+    names = tuple(options.family or FAMILIES_ASKED)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     how = How(options.start, options.error, options.persistence)
     tasks = [(how, name, seed) for seed in seeds for name in names]
+    if options.one_raster:
+        names, tasks = (ONE_RASTER,), [(how, ONE_RASTER, seed) for seed in seeds]
     outcomes = [outcome for both in spread(trial, tasks, options.jobs) for outcome in both]
     print(report(outcomes, names))
     return 0
@@ -87,14 +101,9 @@ def main() -> int:
 
 def trial(how: How, family: str, seed: int) -> tuple[Outcome, Outcome]:
     """One pair of surveys registered without heights and with them."""
-    scene = family_scene(family, seed)
-    if how.persistence is not None:
-        scene = scene.model_copy(update={"height_persistence": how.persistence})
-    simulation = simulate(scene, seed)
+    simulation, told = with_one_raster(seed) if family == ONE_RASTER else with_heights(how, family, seed)
     plain = (simulation.reference, simulation.source)
-    rng = np.random.default_rng([seed, 7])
-    told = [told_heights(s, flight, how.error, rng) for s, flight in zip(plain, simulation.flights, strict=True)]
-    reference, source = (s.replace(attributes={HEIGHT: h}) for s, h in zip(plain, told, strict=True))
+    reference, source = (s.replace(attributes={NAME: h}) for s, h in zip(plain, told, strict=True))
     conditions = Conditions(defaults()["method"], how.start, math.inf)
     outcomes = []
     for heights, surveys in ((False, plain), (True, (reference, source))):
@@ -104,6 +113,27 @@ def trial(how: How, family: str, seed: int) -> tuple[Outcome, Outcome]:
         right = is_right(error, best_error(simulation), simulation.bend)
         outcomes.append(Outcome(family, heights, right, said.verdict.value == "accepted"))
     return outcomes[0], outcomes[1]
+
+
+def with_one_raster(seed: int) -> tuple[Simulation, list[FloatArray]]:
+    """A simulation, and heights (n,) of both surveys off the raster of its reference."""
+    simulation = simulate(ORDINARY, seed)
+    with tempfile.TemporaryDirectory() as name:
+        folders = [Path(name) / survey for survey in ("reference", "source")]
+        write_simulation(simulation, Path(name), rasters=True)
+        shutil.copy(folders[0] / "dem_10cm.tif", folders[1] / "dem_10cm.tif")
+        surveys = read_surveys(*folders)
+    return simulation, [survey.features.attributes[HEIGHT] for survey in surveys]
+
+
+def with_heights(how: How, family: str, seed: int) -> tuple[Simulation, list[FloatArray]]:
+    """A simulation, and heights (n,) of both surveys as rasters would tell them."""
+    scene = family_scene(family, seed)
+    if how.persistence is not None:
+        scene = scene.model_copy(update={"height_persistence": how.persistence})
+    simulation, rng = simulate(scene, seed), np.random.default_rng([seed, 7])
+    surveys = zip((simulation.reference, simulation.source), simulation.flights, strict=True)
+    return simulation, [told_heights(survey, flight, how.error, rng) for survey, flight in surveys]
 
 
 def told_heights(survey: FeatureSet, flight: Flight, error_m: float, rng: np.random.Generator) -> FloatArray:

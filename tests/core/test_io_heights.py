@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,12 @@ from rasterio.warp import transform_bounds
 from scipy.spatial import cKDTree
 
 from tests.core.io_files import CRS, ORIGIN, feature, polygon, raw, square, survey, trees
+from treereg_core import register
 from treereg_core.cli import main
 from treereg_core.errors import InputError
 from treereg_core.features import FeatureSet
 from treereg_core.heights import HEIGHT, Heights, vertical_offset
-from treereg_core.io import read_survey
+from treereg_core.io import read_survey, read_surveys
 from treereg_core.io.crs import converter
 from treereg_core.simulate import Scene, simulate, write_simulation
 
@@ -274,6 +276,18 @@ def test_the_vertical_offset_is_told_and_not_applied(sloping, monkeypatch, tmp_p
     assert 150 < said["trees"] <= 300
     assert f"vertical offset      {said['median']:+.2f} m" in printed
     assert "not applied" in printed
+
+
+def test_one_raster_in_both_surveys_makes_no_placement_look_right(monkeypatch, tmp_path):
+    simulation = simulate(Scene(trees=300, shift=(5, 3), rotation=2), 9)
+    write_simulation(simulation, tmp_path, rasters=True)
+    shutil.copy(tmp_path / "reference" / "dem_10cm.tif", tmp_path / "source" / "dem_10cm.tif")
+    reference, source = read_surveys(tmp_path / "reference", tmp_path / "source")
+    assert {HEIGHT} == set(reference.features.attributes) == set(source.features.attributes)
+    for start in ("identity", "coarse"):
+        result = register(reference, source, method="icp", start=start)
+        assert result.accepted == (start == "coarse")
+    assert np.hypot(*result.transform.shift) > 4
 
 
 def test_a_series_has_the_heights(sloping, monkeypatch, tmp_path):

@@ -70,7 +70,7 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """The content of registration.json: plain values, every number finite."""
-        said = self.judgement
+        said, offset = self.judgement, self.vertical_offset
         return {
             "schema": SCHEMA,
             "method": self.plan.options.method,
@@ -96,9 +96,9 @@ class Result:
                 }
                 for rival in said.rivals
             ],
-            "vertical_offset_m": self.vertical_offset and asdict(self.vertical_offset),
             "before": matches_json(said.before),
             "timings_s": {name: round(seconds, 4) for name, seconds in self.timings.items()},
+            **({"vertical_offset_m": asdict(offset)} if offset else {}),
         }
 
     def _transform_json(self) -> dict[str, Any] | None:

@@ -49,6 +49,14 @@ series *arguments:
 learning *arguments:
     uv run python -m benchmarks.learning {{ arguments }}
 
+# How well rasters tell heights of trees: `just elevation --seeds 5`
+elevation *arguments:
+    uv run python -m benchmarks.elevation {{ arguments }}
+
+# What heights would do for the judge: `just heights --seeds 50`
+heights *arguments:
+    uv run python -m benchmarks.heights {{ arguments }}
+
 # Seconds and memory over sizes of orchards
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}

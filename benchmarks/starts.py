@@ -89,6 +89,9 @@ def brought_near(simulation: Simulation, rng: np.random.Generator) -> Simulation
         turn_deg, shift = rng.uniform(-largest_deg, largest_deg), rng.uniform(-farthest, farthest, 2)
         disturbed = Rigid.turn(turn_deg, about=centre, shift=shift)
         if is_near(at, scene, disturbed @ simulation.truth):
-            placed = disturbed(simulation.truth(simulation.source.xy))
-            return replace(simulation, source=simulation.source.replace(xy=placed), truth=disturbed.inverse())
+            laid = disturbed @ simulation.truth
+            source = simulation.source.replace(xy=laid(simulation.source.xy))
+            reference, flight = simulation.flights
+            flights = (reference, replace(flight, displacement=flight.displacement.then(laid)))
+            return replace(simulation, source=source, truth=disturbed.inverse(), flights=flights)
     raise ValueError(f"no near start in {TRIES} tries")

@@ -1,9 +1,9 @@
 """Evidence: how well a placement explains the trees, tree by tree, by one likelihood for all methods.
 
 Three things tell a right placement from one that is a tree or a row off: trees that stand where the other survey has
-none, the size of crowns (and any other attribute that both surveys have), and the small errors of planting. Each tree
-gets the log of p(what is seen | the placement is right) over p(the same | it is a decoy), the decoys being other
-placements of the same two surveys on each other's lattice.
+none, the size of crowns (and any other attribute that both surveys have, but for heights), and the small errors of
+planting. Each tree gets the log of p(what is seen | the placement is right) over p(the same | it is a decoy), the
+decoys being other placements of the same two surveys on each other's lattice.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
+from treereg_core.heights import HEIGHT
 from treereg_core.side import CLASSES, Side
 from treereg_core.transform import Affine, FloatArray, Model
 
@@ -113,7 +114,10 @@ class Evidence:
         self.spacing = max(reference.spacing, 1e-6)
         self.gate = 0.45 * self.spacing
         self.threads = threads
-        self.names = ("area", "confidence", *sorted(set(reference.attributes) & set(source.attributes)))
+        # Heights are read off a raster where a survey says that its trees are. If both use one raster, detections on
+        # the same spot have the same height, and the files' own georeference looks right whatever it is.
+        shared = set(reference.attributes) & set(source.attributes) - {HEIGHT}
+        self.names = ("area", "confidence", *sorted(shared))
         reach = 2.5 * self.spacing
         self._spread = second_moments(source.xy)
         self.reference = Side.of(reference, reach, self.names, threads)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from typing import Any
 
 import numpy as np
 
 from treereg_core.features import FeatureSet
+from treereg_core.heights import VerticalOffset, vertical_offset
 from treereg_core.judgement import Judgement, Matches, Verdict
 from treereg_core.method import Described
 from treereg_core.plan import Plan
@@ -52,13 +53,24 @@ class Result:
         """The working frame; None for trees that were given as plain arrays."""
         return self.reference.frame if isinstance(self.reference, Survey) else None
 
+    @property
+    def vertical_offset(self) -> VerticalOffset | None:
+        """What the source's elevations lack against the reference's, over the matched trees; None where not known."""
+        if not isinstance(self.reference, Survey) or not isinstance(self.source, Survey):
+            return None
+        if self.reference.heights is None or self.source.heights is None:
+            return None
+        ids = self.judgement.matches.pairs
+        at = [survey.features.positions(ids[:, k]) for k, survey in enumerate((self.reference, self.source))]
+        return vertical_offset(self.reference.heights, self.source.heights, np.column_stack(at))
+
     def full_coordinates(self, transform: Affine) -> Affine:
         """A transform of the working frame in full projected coordinates."""
         return transform.about(-np.asarray(self.frame.origin)) if self.frame else transform
 
     def to_json(self) -> dict[str, Any]:
         """The content of registration.json: plain values, every number finite."""
-        said = self.judgement
+        said, offset = self.judgement, self.vertical_offset
         return {
             "schema": SCHEMA,
             "method": self.plan.options.method,
@@ -86,6 +98,7 @@ class Result:
             ],
             "before": matches_json(said.before),
             "timings_s": {name: round(seconds, 4) for name, seconds in self.timings.items()},
+            **({"vertical_offset_m": asdict(offset)} if offset else {}),
         }
 
     def _transform_json(self) -> dict[str, Any] | None:

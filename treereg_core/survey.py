@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from treereg_core.features import FeatureSet
+from treereg_core.heights import Heights
 
 if TYPE_CHECKING:
     from shapely import Geometry
@@ -36,6 +37,8 @@ class Survey:
     - `digest`: of the outlines and confidences as they stand in the file, the same in every frame and folder.
     - `boundary`: the orchard's outline in `frame`, metres, or None. It is of the reference's making, so it must not
       crop a source that is not registered yet.
+    - `heights`: of the usable trees, by the survey's elevation raster, or None; where enough of them have one, the
+      features have the attribute `height` too.
     - `warnings`: one sentence each, for stderr.
     - `visible`, `dem`: the rasters in the folder, not read yet.
     """
@@ -47,6 +50,7 @@ class Survey:
     count: int
     digest: str
     boundary: Geometry | None = None
+    heights: Heights | None = None
     warnings: tuple[str, ...] = ()
     visible: Path | None = None
     dem: Path | None = None

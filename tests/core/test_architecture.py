@@ -16,7 +16,7 @@ PLUGINS = sorted((ROOT / "plugins").glob("*/treereg_*"))
 RUNNER = {
     f"treereg_core.{name}"
     for name in (
-        *("api", "application", "cli", "description", "detection", "expression", "io", "judge", "memory"),
+        *("api", "application", "cli", "description", "detection", "expression", "heights", "io", "judge", "memory"),
         *("options", "outputs", "pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
         *("survey", "survey_rasters", "testing"),
     )

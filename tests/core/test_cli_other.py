@@ -154,7 +154,7 @@ def test_check_refuses_what_is_not_there(capsys: Output) -> None:
 
 def test_simulate_writes_what_the_python_function_does(capsys: Output) -> None:
     options = ["--trees", "120", "--shift", "3", "-4.5", "--rotation", "any", "--false", "0.1", "--no-same-orchard"]
-    assert main(["simulate", "there", *options, "--seed", "5", "-q"]) == 0
+    assert main(["simulate", "there", *options, "--seed", "5", "-q", "--no-rasters"]) == 0
     scene = Scene(trees=120, shift=(3, -4.5), rotation="any", false=0.1, same_orchard=False)
     write_simulation(simulate(scene, 5), Path("here"))
     files = sorted(path.relative_to("here") for path in Path("here").rglob("*.*json"))
@@ -164,7 +164,7 @@ def test_simulate_writes_what_the_python_function_does(capsys: Output) -> None:
 
 
 def test_simulate_a_family() -> None:
-    assert main(["simulate", "there", "--family", "small_150", "-q"]) == 0
+    assert main(["simulate", "there", "--family", "small_150", "-q", "--no-rasters"]) == 0
     assert json.loads(Path("there/truth.json").read_text())["transform"]["model"] == "rigid"
 
 
@@ -193,9 +193,9 @@ def test_simulate_does_not_touch_a_folder_in_use() -> None:
     folder = Path("mine/reference")
     folder.mkdir(parents=True)
     (folder / "raw-detections.geojson").write_text("precious")
-    assert main(["simulate", "mine", "--trees", "50", "-q"]) == 2
+    assert main(["simulate", "mine", "--trees", "50", "-q", "--no-rasters"]) == 2
     assert (folder / "raw-detections.geojson").read_text() == "precious"
-    assert main(["simulate", "mine", "--trees", "50", "-q", "--overwrite"]) == 0
+    assert main(["simulate", "mine", "--trees", "50", "-q", "--no-rasters", "--overwrite"]) == 0
 
 
 def test_simulate_has_no_out_to_choose(capsys: Output) -> None:

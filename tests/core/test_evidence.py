@@ -189,21 +189,25 @@ class TestLikelihood:
     def test_further_attributes_of_both_surveys_count(self) -> None:
         simulation = scenes.scene("noisy")
         pair, truth = pair_of(simulation), truth_of(simulation)
-        height = np.random.default_rng(0).normal(3, 0.4, len(pair.reference))
+        girth = np.random.default_rng(0).normal(3, 0.4, len(pair.reference))
         to_source = np.random.default_rng(1).normal(3, 0.4, len(pair.source))
         plain = Evidence(pair.reference, pair.source)
         met = plain.match(truth)
-        to_source[met.source] = height[met.reference]
+        to_source[met.source] = girth[met.reference]
 
         def weight(reference: FeatureSet, source: FeatureSet) -> float:
             evidence = Evidence(reference, source)
             return weigh(evidence, evidence.match(truth), [evidence.match(off_by(simulation, 1, 0))])
 
-        with_height = pair.reference.replace(attributes={"height": height})
-        source_with = pair.source.replace(attributes={"height": to_source})
+        def having(name: str) -> tuple[FeatureSet, FeatureSet]:
+            return pair.reference.replace(attributes={name: girth}), pair.source.replace(attributes={name: to_source})
+
         without = weight(pair.reference, pair.source)
-        assert weight(with_height, pair.source) == pytest.approx(without), "an attribute of one survey only"
-        assert weight(with_height, source_with) > without + 100
+        assert weight(having("girth")[0], pair.source) == pytest.approx(without), "an attribute of one survey only"
+        assert weight(*having("girth")) > without + 100
+        assert weight(*having("height")) == pytest.approx(without), (
+            "what is read off a raster at the survey's own place"
+        )
 
     def test_a_placement_is_never_rewarded_for_being_unlike_a_decoy_for_the_worse(self) -> None:
         """Two different orchards would otherwise score high."""

@@ -57,6 +57,9 @@ def simulate(
         str | None, typer.Option(metavar="NAME", help=f"Instead of scene options: one of {', '.join(FAMILIES)}.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same surveys.")] = 0,
+    rasters: Annotated[
+        bool, typer.Option("--rasters/--no-rasters", help="An orthomosaic and elevations at 10 cm for both surveys.")
+    ] = True,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what an earlier simulate wrote.")] = False,
     verbose: Verbose = False,
     quiet: Quiet = False,
@@ -69,7 +72,7 @@ def simulate(
     described = record(Scene, given, flag) if family is None else family_scene(family, seed)
     with OutputFolder(folder, overwrite=overwrite, names=SIMULATION_NAMES) as staging:
         made = simulated(described, seed)
-        write_simulation(made, staging)
+        write_simulation(made, staging, rasters=rasters)
     console.progress(f"{len(made.reference)} and {len(made.source)} trees written to {folder}")
 
 

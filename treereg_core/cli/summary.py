@@ -25,6 +25,12 @@ def summary(result: Result, out: Path, files: Iterable[str], true_error_m: float
     if said.expected_error is not None:
         low, high = said.expected_error.ci95
         rows["expected error"] = f"{said.expected_error.rms:.3f} m (95 %: {low:.3f} to {high:.3f} m)"
+    offset = result.vertical_offset
+    if offset is not None:
+        rows["vertical offset"] = (
+            f"{offset.median:+z.2f} m from the source's elevations to the reference's, spread {offset.spread:.2f} m; "
+            "not applied"
+        )
     rows["failure probability"] = f"{said.failure_probability:.2g}"
     if true_error_m is not None:
         rows["true error"] = f"{true_error_m:.3f} m (a simulated orchard, so it is known)"

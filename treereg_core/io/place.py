@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
 from treereg_core.features import FeatureSet
+from treereg_core.heights import HEIGHT, Heights
 from treereg_core.io.capture import FEWEST_TREES, Capture, too_few
 from treereg_core.io.crs import to_frame
+from treereg_core.io.heights import read_heights
 from treereg_core.io.layer import Layer
 from treereg_core.io.polygons import polygonal
 from treereg_core.survey import Frame, Survey
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 LEAST_AREA_M2 = 1e-4
 AREA_STEP = 0.001
 FARTHEST_BOUNDARY_M = 2_000.0
+MANY_UNKNOWN = 0.1
+"""Share of the trees without a height that is worth a warning."""
 
 
 def place(capture: Capture, frame: Frame) -> Survey:
@@ -47,15 +51,18 @@ def place(capture: Capture, frame: Frame) -> Survey:
         weight=np.ones(len(ids)),
     )
     boundary, boundary_warnings = _boundary(capture, features, frame)
+    heights, height_warnings = _heights(capture.files.dem, polygons[ids], frame)
+    tall = heights.attribute(features) if heights else None
     return Survey(
         path=capture.files.folder,
         detections=path,
-        features=features,
+        features=features if tall is None else features.replace(attributes={HEIGHT: tall}),
         frame=frame,
         count=len(polygons),
         digest=_digest(capture),
         boundary=boundary,
-        warnings=capture.warnings + warnings + boundary_warnings,
+        heights=heights,
+        warnings=capture.warnings + warnings + boundary_warnings + height_warnings,
         visible=capture.files.visible,
         dem=capture.files.dem,
     )
@@ -115,6 +122,19 @@ def _usable(
         reasons = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
         told.append(f"{(~usable).sum()} dropped ({reasons})")
     return polygons, usable, (f"{path}: of {len(polygons)} features, {' and '.join(told)}.",) if told else ()
+
+
+def _heights(path: Path | None, polygons: NDArray[np.object_], frame: Frame) -> tuple[Heights | None, tuple[str, ...]]:
+    """The heights of canopies, with a warning when many have none; None without an elevation raster, or any height."""
+    if path is None:
+        return None, ()
+    heights, warnings = read_heights(path, polygons, frame)
+    if not heights.known:
+        return None, warnings
+    missing = len(polygons) - heights.known
+    if missing > MANY_UNKNOWN * len(polygons):
+        warnings += (f"{path} does not tell the height of {missing} of {len(polygons)} trees.",)
+    return heights, warnings
 
 
 def _boundary(capture: Capture, features: FeatureSet, frame: Frame) -> tuple[Geometry | None, tuple[str, ...]]:

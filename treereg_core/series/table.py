@@ -11,9 +11,6 @@ from treereg_core.series.history import State, gathered
 from treereg_core.series.registering import Member, Series
 from treereg_core.transform import FloatArray
 
-HEIGHT = "height"
-"""The attribute of a tree that holds its height, metres."""
-
 
 def table(series: Series) -> dict[str, np.ndarray[Any, Any]]:
     """The columns (t x s,) by name, as `trees.parquet` has them.
@@ -63,6 +60,6 @@ def area(member: Member) -> FloatArray:
 
 
 def height(member: Member) -> FloatArray:
-    """Heights (n,), metres; NaN in a survey that does not tell them."""
-    trees = features(member)
-    return np.asarray(trees.attributes.get(HEIGHT, np.full(len(trees), np.nan)))
+    """Heights (n,), metres; NaN where the survey does not tell them."""
+    told = member.survey.heights if member.survey else None
+    return np.full(len(features(member)), np.nan) if told is None else told.height

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,11 @@ import numpy as np
 from treereg_core.errors import UsageError
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.simulate.canopy import canopies
+from treereg_core.simulate.images import write_images
 from treereg_core.simulate.scene import Scene
+from treereg_core.simulate.scenery import Scenery
 from treereg_core.simulate.series import SeriesSimulation
-from treereg_core.simulate.simulation import Simulation, Trees
+from treereg_core.simulate.simulation import Simulation
 from treereg_core.transform import FloatArray, Rigid
 
 SCHEMA = "treereg/truth/1"
@@ -24,21 +26,32 @@ DECIMALS = 9
 FIRST_YEAR = 2021
 """The name of the first survey of a series."""
 Origin = tuple[float, float]
-ToDegrees = Callable[[FloatArray], FloatArray]
 
 
 def write_simulation(
-    simulation: Simulation, folder: Path, crs: str = "EPSG:32734", origin: Origin = (343_000.0, 6_306_000.0)
+    simulation: Simulation,
+    folder: Path,
+    crs: str = "EPSG:32734",
+    origin: Origin = (343_000.0, 6_306_000.0),
+    rasters: bool = False,
 ) -> None:
     """Write `folder`/reference, `folder`/source and, last of all, `folder`/truth.json.
+
+    With `rasters` both surveys have their images too, which takes some seconds.
 
     `crs` is projected and in metres, `origin` the full coordinates, easting and northing, of the orchard's centre; the
     defaults lie among the orchards of Ceres, South Africa. Each file is complete or absent. Raises `UsageError` when
     the folder cannot be written.
     """
     surveys = {"reference": simulation.reference, "source": simulation.source}
-    _write_surveys(surveys, simulation.seed, _boundary(simulation.scene, simulation.outline), (folder, crs, origin))
+    outlines = _outlines(surveys.values(), simulation.seed)
+    boundary = _boundary(simulation.scene, simulation.outline)
+    _write_surveys(surveys, outlines, boundary, (folder, crs, origin))
     with _writing(folder):
+        for which, flight in enumerate(simulation.flights if rasters else ()):
+            name = list(surveys)[which]
+            scenery = Scenery.of(flight, surveys[name], outlines[which], simulation.seed, which)
+            write_images(scenery, folder / name, crs, origin)
         _write(folder / "truth.json", _object(_truth(simulation, crs, origin)))
 
 
@@ -51,12 +64,21 @@ def write_series(
     """
     surveys = {str(FIRST_YEAR + k): capture.features for k, capture in enumerate(simulation.captures)}
     boundary = _boundary(simulation.scene, simulation.lives.orchard.outline)
-    _write_surveys(surveys, simulation.seed, boundary, (folder, crs, origin))
+    _write_surveys(surveys, _outlines(surveys.values(), simulation.seed), boundary, (folder, crs, origin))
     return tuple(folder / name for name in surveys)
 
 
+def _outlines(surveys: Iterable[FeatureSet], seed: int) -> list[FloatArray]:
+    """The canopy outlines of each survey."""
+    surveys = list(surveys)
+    return [canopies(s, rng) for s, rng in zip(surveys, np.random.default_rng(seed).spawn(len(surveys)), strict=True)]
+
+
 def _write_surveys(
-    surveys: Mapping[str, FeatureSet], seed: int, boundary: FloatArray, place: tuple[Path, str, Origin]
+    surveys: Mapping[str, FeatureSet],
+    outlines: Sequence[FloatArray],
+    boundary: FloatArray,
+    place: tuple[Path, str, Origin],
 ) -> None:
     """A survey folder for each of these, with one boundary; `place` is the folder above, the CRS and the origin."""
     import pyproj
@@ -69,11 +91,10 @@ def _write_surveys(
         return np.round(np.stack(degrees_from_crs.transform(full[..., 0], full[..., 1]), axis=-1), DECIMALS)
 
     outline = _collection([_feature({}, to_degrees(boundary))])
-    rngs = np.random.default_rng(seed).spawn(len(surveys))
     with _writing(folder):
-        for (name, features), rng in zip(surveys.items(), rngs, strict=True):
+        for (name, features), rings in zip(surveys.items(), outlines, strict=True):
             (folder / name).mkdir(parents=True, exist_ok=True)
-            _write(folder / name / "raw-detections.geojson", _detections(features, to_degrees, rng))
+            _write(folder / name / "raw-detections.geojson", _detections(features, to_degrees(rings)))
             _write(folder / name / "boundary.geojson", outline)
 
 
@@ -94,8 +115,7 @@ def _boundary(scene: Scene, outline: FloatArray) -> FloatArray:
     return np.asarray(shapely.get_coordinates(block.normalize().exterior.reverse())[:-1])
 
 
-def _detections(features: FeatureSet, to_degrees: ToDegrees, rng: np.random.Generator) -> str:
-    rings = to_degrees(canopies(features, rng))
+def _detections(features: FeatureSet, rings: FloatArray) -> str:
     return _collection(
         _feature({"confidence": confidence}, ring)
         for confidence, ring in zip(features.confidence.tolist(), rings, strict=True)
@@ -120,7 +140,8 @@ def _truth(simulation: Simulation, crs: str, origin: Origin) -> dict[str, Any]:
         "transform": simulation.truth and _transform(simulation.truth, simulation.source, origin),
         "seed": simulation.seed,
         "scene": simulation.scene.model_dump(mode="json"),
-        "trees": _trees(simulation.trees, origin),
+        "vertical_offset_m": simulation.vertical_offset(),
+        "trees": _trees(simulation, origin),
         "reference_trees": _lists(simulation.reference_trees),
         "source_trees": _lists(simulation.source_trees),
     }
@@ -136,9 +157,21 @@ def _transform(truth: Rigid, source: FeatureSet, origin: Origin) -> dict[str, An
     }
 
 
-def _trees(trees: Trees, origin: Origin) -> list[dict[str, Any]]:
-    columns = ((trees.xy + np.asarray(origin)).round(4).tolist(), trees.area.round(4).tolist(), trees.row.tolist())
-    return [{"xy": xy, "area": area, "row": row} for xy, area, row in zip(*columns, strict=True)]
+def _trees(simulation: Simulation, origin: Origin) -> list[dict[str, Any]]:
+    trees = simulation.trees
+    heights = simulation.heights().round(4)
+    columns = {
+        "xy": (trees.xy + np.asarray(origin)).round(4).tolist(),
+        "area": trees.area.round(4).tolist(),
+        "row": trees.row.tolist(),
+        "height": _or_null(heights[:, 0]),
+        "source_height": _or_null(heights[:, 1]),
+    }
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def _or_null(values: FloatArray) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _lists(trees: IntArray) -> list[list[int]]:

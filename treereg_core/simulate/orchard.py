@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,42 @@ from treereg_core.simulate.smooth import SmoothField
 from treereg_core.transform import FloatArray, Rigid
 
 LARGEST_MEDIAN_CROWN_M2 = 25.0
+ROUNDS = 12
+"""Of the fixed-point iteration that straightens contour rows; each leaves a quarter of the error at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowFrame:
+    """Where the rows' own frame lies in the orchard, in which they are straight: x along them, y across, metres.
+
+    `first` is the y of the first place of a row; the others follow at distances of `apart`. Calling it takes points
+    (n, 2) of the rows' frame to the orchard, `inverse` takes them back. Headland rows do not fit into it.
+    """
+
+    heading_deg: float
+    bow: float
+    length: float
+    sway: Callable[[FloatArray], FloatArray]
+    first: float
+    apart: float
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Where points (n, 2) of the rows' own frame are in the orchard."""
+        aside = self._bowed(points) + self.sway(points)
+        return Rigid.turn(self.heading_deg)(points + np.column_stack([np.zeros(len(points)), aside])) - self.centre
+
+    def inverse(self, points: FloatArray) -> FloatArray:
+        """Where points (n, 2) of the orchard are in the rows' own frame."""
+        bent = Rigid.turn(-self.heading_deg)(points + self.centre)
+        bent[:, 1] -= self._bowed(bent)
+        found = bent.copy()
+        for _ in range(ROUNDS):
+            found[:, 1] = bent[:, 1] - self.sway(found)
+        return found
+
+    def _bowed(self, points: FloatArray) -> FloatArray:
+        return np.asarray(self.bow * (1 - (2 * points[:, 0] / self.length) ** 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +68,7 @@ class Orchard:
     - `plainness` (n,): standard normal; what a tree's confidences have in common.
     - `positions` (m, 2): all planting positions, gaps included, metres.
     - `outline` (k, 2): points along the block's edge, metres, counter-clockwise, first one not repeated.
+    - `rows`: where the rows' own straight frame lies.
     """
 
     xy: FloatArray
@@ -40,6 +78,7 @@ class Orchard:
     plainness: FloatArray
     positions: FloatArray
     outline: FloatArray
+    rows: RowFrame
 
 
 def plant(scene: Scene, rng: np.random.Generator) -> Orchard:
@@ -52,10 +91,9 @@ def plant(scene: Scene, rng: np.random.Generator) -> Orchard:
     heading_deg = rng.uniform(0, 360)
     sway = contour(scene, layout.positions, bending)
 
-    def place(points: FloatArray) -> FloatArray:
-        bow = scene.curve * (1 - (2 * points[:, 0] / layout.length) ** 2)
-        return Rigid.turn(heading_deg)(points + np.column_stack([np.zeros(len(points)), bow + sway(points)]))
-
+    second_of_two = scene.rows_together == 2 and layout.row[0] // (scene.paths + 1) % 2
+    first = layout.positions[0, 1] + (-1 if second_of_two else 1) * scene.hedgerow / 2
+    place = RowFrame(heading_deg, scene.curve, layout.length, sway, first, scene.row_spacing)
     positions = place(layout.positions)
     centre = positions.mean(axis=0)
     positions = positions - centre
@@ -73,6 +111,7 @@ def plant(scene: Scene, rng: np.random.Generator) -> Orchard:
         plainness=rng.standard_normal(len(xy)),
         positions=positions,
         outline=place(layout.outline) - centre,
+        rows=replace(place, centre=(float(centre[0]), float(centre[1]))),
     )
 
 

@@ -91,6 +91,21 @@ class Scene(BaseModel):
     growth: float = Field(1.1, gt=0, le=10, description="factor on crown width from reference to source")
     dead: float = Field(0.01, ge=0, le=1, description="share of trees that died between reference and source")
 
+    # What only elevation and images show
+    height: float = Field(
+        3.0, gt=0, le=60, description="height of a tree with a usual crown", json_schema_extra=_METRES
+    )
+    height_variation: float = Field(
+        0.12, ge=0, le=2, description="sd of the natural logarithm of heights, apart from what follows from the crown"
+    )
+    height_persistence: float = Field(
+        0.8, ge=0, le=1, description="correlation of those logarithms between the surveys; 0: they say nothing"
+    )
+    slope: float = Field(0.06, ge=0, le=1, description="rise of the ground, metres per metre, in a random direction")
+    undulation: float = Field(
+        0.5, ge=0, le=100, description="gentle waves of the ground on that slope, RMS", json_schema_extra=_METRES
+    )
+
     # What a survey makes of it
     jitter: float = Field(
         0.2, ge=0, description="detection error, sd per axis, new in each survey", json_schema_extra=_METRES

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from treereg_core.features import FeatureSet, IntArray, frozen_array
 from treereg_core.simulate.detect import Visit, detect
+from treereg_core.simulate.displacement import Displacement
+from treereg_core.simulate.flight import Flight, flights_of
 from treereg_core.simulate.orchard import Orchard, plant
 from treereg_core.simulate.scene import Scene
-from treereg_core.simulate.smooth import SmoothField
 from treereg_core.simulate.view import views
 from treereg_core.transform import Affine, FloatArray, Model, Rigid, Transform
 
@@ -29,6 +29,7 @@ _PERIODIC = {
     "vigour": 0.0,
     "area_variation": 0.0,
     "confidence_variation": 0.0,
+    "height_variation": 0.0,
 }
 
 
@@ -66,6 +67,7 @@ class Simulation:
     - `reference_trees`, `source_trees` (n, 2): for each feature its trees, as positions in `trees`: -1, -1 for a false
       detection, one tree and -1, or two for a merged canopy. A tree that was split stands behind two features.
     - `outline` (k, 2): points along the edge of the reference's orchard in its frame, metres, counter-clockwise.
+    - `flights`: what else is true of reference and source, for images of them; empty where nobody made it.
     """
 
     scene: Scene
@@ -78,6 +80,7 @@ class Simulation:
     reference_trees: IntArray
     source_trees: IntArray
     outline: FloatArray
+    flights: tuple[Flight, ...] = ()
 
     def true_pairs(self) -> IntArray:
         """Positions (reference, source), (k, 2), of features that both show the same single tree, whole.
@@ -90,6 +93,19 @@ class Simulation:
         source = _feature_of_tree(self.source_trees, len(self.trees))
         both = (reference >= 0) & (source >= 0)
         return np.column_stack([reference[both], source[both]])
+
+    def heights(self) -> FloatArray:
+        """Of each of the `trees` at the time of reference and source, (n, 2) metres; NaN where it does not stand."""
+        heights = np.full((len(self.trees), 2), np.nan)
+        for when, flight in enumerate(self.flights):
+            begin = 0 if flight.orchard is self.flights[0].orchard else len(self.trees) - len(flight.height)
+            standing = np.flatnonzero(flight.visit.alive)
+            heights[begin + standing, when] = flight.height[standing]
+        return heights
+
+    def vertical_offset(self) -> float | None:
+        """What the source's elevations lack against the reference's, metres; None where there is no truth."""
+        return self.flights[0].datum - self.flights[1].datum if self.truth and self.flights else None
 
     def true_fit(self) -> Affine:
         """The rigid least-squares fit on the true pairs: what the best method could reach.
@@ -121,7 +137,8 @@ def simulate(scene: Scene, seed: int) -> Simulation:
     planting, viewing, first, second, moving, elsewhere = np.random.default_rng(seed).spawn(6)
     orchard = plant(scene, planting)
     reference_view, source_view = views(scene, orchard, viewing)
-    reference = detect(orchard, scene, Visit(reference_view, np.ones(len(orchard.xy), dtype=bool), 1.0), first)
+    first_visit = Visit(reference_view, np.ones(len(orchard.xy), dtype=bool), 1.0)
+    reference = detect(orchard, scene, first_visit, first)
 
     surveyed, surveyed_scene = orchard, scene
     if not scene.same_orchard:
@@ -130,16 +147,18 @@ def simulate(scene: Scene, seed: int) -> Simulation:
         surveyed = plant(surveyed_scene, elsewhere)
         _, source_view = views(scene, surveyed, elsewhere)
     alive = second.random(len(surveyed.xy)) >= scene.dead
-    source = detect(surveyed, surveyed_scene, Visit(source_view, alive, scene.growth), second)
+    second_visit = Visit(source_view, alive, scene.growth)
+    source = detect(surveyed, surveyed_scene, second_visit, second)
     misplaced = misplacement(scene, moving)
-    distorted = _distortion(scene, surveyed.positions, moving)
+    displaced = Displacement.drawn(scene, misplaced, surveyed.positions, moving)
 
+    surveys = (first_visit, reference), (second_visit, source)
     truth: Rigid | None = misplaced.inverse()
     bend = 0.0
     if not scene.same_orchard or scene.periodic:
         truth = None
     elif scene.distortion > 0:
-        shown = misplaced(distorted(orchard.xy))
+        shown = displaced(orchard.xy)
         truth = Rigid.from_matrix(Model.RIGID.fit(shown, orchard.xy).matrix)
         bend = _rms(truth(shown) - orchard.xy)
     trees = _trees(orchard) if surveyed is orchard else _joined(_trees(orchard), _trees(surveyed))
@@ -148,13 +167,14 @@ def simulate(scene: Scene, seed: int) -> Simulation:
         scene=scene,
         seed=seed,
         reference=reference.features(),
-        source=source.features().replace(xy=misplaced(distorted(source.xy))),
+        source=source.features().replace(xy=displaced(source.xy)),
         truth=truth,
         bend=bend,
         trees=trees,
         reference_trees=frozen_array(reference.trees, np.int64),
         source_trees=frozen_array(np.where(source.trees >= 0, source.trees + offset, -1), np.int64),
         outline=frozen_array(orchard.outline),
+        flights=flights_of(scene, seed, (orchard, surveyed), surveys, displaced),
     )
 
 
@@ -166,15 +186,6 @@ def misplacement(scene: Scene, rng: np.random.Generator) -> Rigid:
     else:
         rotation_deg = scene.rotation_sd * normal[0] if scene.rotation is None else scene.rotation
     return Rigid.turn(rotation_deg, shift=scene.shift_sd * normal[1:] if scene.shift is None else scene.shift)
-
-
-def _distortion(scene: Scene, positions: FloatArray, rng: np.random.Generator) -> Callable[[FloatArray], FloatArray]:
-    """The smooth displacement of the source, of which nine trees in ten have less than `scene.distortion`."""
-    if scene.distortion == 0:
-        return lambda points: points
-    east, north = SmoothField.over(positions, rng), SmoothField.over(positions, rng)
-    per_axis = scene.distortion / math.sqrt(2 * math.log(10))
-    return lambda points: points + per_axis * np.column_stack([east(points), north(points)])
 
 
 def _rms(vectors: FloatArray) -> float:

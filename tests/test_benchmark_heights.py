@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import heights, rasters
+from benchmarks import elevation, heights
 from benchmarks.heights import How, Outcome
 from treereg_core.simulate import Scene, simulate
 
@@ -48,9 +48,9 @@ def test_the_table_counts_what_is_accepted_and_wrong():
 
 
 def test_rasters_are_compared_with_the_truth():
-    told = rasters.tell("15 % slope", 1)
+    told = elevation.tell("15 % slope", 1)
     assert np.nanmedian(np.abs(told.errors)) < 0.2
     assert abs(told.offset_error) < 0.05
-    row = rasters.line("15 % slope", [told])
+    row = elevation.line("15 % slope", [told])
     assert row[1] == str(len(told.errors))
-    assert len(row) == len(rasters.HEADER)
+    assert len(row) == len(elevation.HEADER)

@@ -12,9 +12,10 @@ import sys
 from collections.abc import Sequence
 from itertools import pairwise
 
-from benchmarks.table import percent, table, upper_bound, wilson
+from benchmarks.table import percent, table
 from benchmarks.trial import Trial, trials_given
 from treereg_core.simulate import FAMILIES
+from treereg_core.statistics import upper_bound, wilson
 
 EDGES = (0.0, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
 """Each bin holds its lower edge, the last its upper edge too."""

@@ -17,10 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.table import percent, table, wilson
+from benchmarks.table import percent, table
 from benchmarks.trial import CRASHED, Trial, read_trials
 from treereg_core.errors import UsageError
 from treereg_core.simulate import FAMILIES
+from treereg_core.statistics import wilson
 from treereg_core.transform import FloatArray
 
 DRAWS = 2000

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks.processes import spread
-from benchmarks.table import table, wilson
+from benchmarks.table import table
 from benchmarks.trial import Conditions, best_error, is_right, plan
 from treereg_core.api import execute
 from treereg_core.features import FeatureSet, nearest
@@ -35,6 +35,7 @@ from treereg_core.options import defaults
 from treereg_core.pipeline import Clock
 from treereg_core.simulate import FAMILIES, Scene, Simulation, family_scene, simulate, write_simulation
 from treereg_core.simulate.flight import Flight
+from treereg_core.statistics import wilson
 from treereg_core.transform import FloatArray
 
 FAMILIES_ASKED = (

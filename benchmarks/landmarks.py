@@ -29,12 +29,13 @@ from treereg_bn_landmarks.structure import STATES
 
 from benchmarks.row_trial import timed
 from benchmarks.series_pairs import pair_of
-from benchmarks.table import percent, table, wilson
+from benchmarks.table import percent, table
 from treereg_core.features import BoolArray, FeatureSet
 from treereg_core.method import Context, FeatureFilter
 from treereg_core.pair import MatchedRows, Pair
 from treereg_core.registry import installed
 from treereg_core.simulate import Scene, Seasons, Simulation, family_scene, simulate, simulate_family, simulate_series
+from treereg_core.statistics import wilson
 from treereg_core.testing.scenes import near
 from treereg_core.transform import FloatArray, Rigid
 

@@ -14,10 +14,11 @@ import sys
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from benchmarks.table import percent, table, upper_bound
+from benchmarks.table import percent, table
 from benchmarks.trial import CRASHED, RIGHT_M, Trial, trials_given
 from treereg_core.plan import IDENTITY
 from treereg_core.simulate import FAMILIES
+from treereg_core.statistics import upper_bound
 
 LEGEND = f"""\
 Share of trials that are right, in per cent, by start and method; [n]: so many are accepted and wrong, in silence.

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.processes import spread
 from benchmarks.row_trial import ready, timed
-from benchmarks.table import percent, table, wilson
+from benchmarks.table import percent, table
 from benchmarks.trial import best_error, is_right
 from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet
@@ -35,6 +35,7 @@ from treereg_core.registry import installed
 from treereg_core.row_trees import along_rows
 from treereg_core.rows import NearestRows
 from treereg_core.simulate import FAMILIES, Simulation, simulate_family
+from treereg_core.statistics import wilson
 from treereg_core.testing.scenes import off, row_of_trees
 from treereg_core.transform import Affine, Rigid
 

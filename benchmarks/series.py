@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.processes import spread
-from benchmarks.table import percent, table, wilson
+from benchmarks.table import percent, table
 from treereg_core.api import execute
 from treereg_core.features import BoolArray, FeatureSet, IntArray
 from treereg_core.options import Options
@@ -33,6 +33,7 @@ from treereg_core.registry import installed
 from treereg_core.series import History, State
 from treereg_core.simulate import Scene, Seasons, SeriesSimulation, family_scene, simulate_series
 from treereg_core.simulate.series import Lives
+from treereg_core.statistics import wilson
 from treereg_core.transform import Affine, Rigid
 
 LESS: Mapping[str, float] = MappingProxyType({"missed": 0.08, "false": 0.08, "dead": 0.02, "growth": 1.5})

@@ -9,10 +9,10 @@ import pytest
 
 from benchmarks import accuracy, calibration, comparison, methods
 from benchmarks.starts import brought_near, is_near, row_ends
-from benchmarks.table import upper_bound, wilson
 from benchmarks.trial import Conditions, Trial, append, is_right, plan, read_trials, run_trial, write_header
 from treereg_core.errors import UsageError
 from treereg_core.simulate import Scene, simulate, simulate_family
+from treereg_core.statistics import upper_bound, wilson
 from treereg_core.transform import Rigid
 
 ICP = Conditions("icp", "coarse", math.inf)

@@ -9,7 +9,7 @@ likelihood ratio of data association in tracking; Bar-Shalom, Daum & Huang 2009,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -239,9 +239,4 @@ def _from_zero(numbers: Sequence[IntArray]) -> list[IntArray]:
     _, first, at = np.unique(np.concatenate(numbers), return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
-    return list(_split(rank[at], numbers))
-
-
-def _split(values: IntArray, like: Sequence[IntArray]) -> Iterator[IntArray]:
-    """Values one after the other, cut into arrays as long as these."""
-    yield from np.split(values, np.cumsum([len(part) for part in like])[:-1])
+    return np.split(rank[at], np.cumsum([len(number) for number in numbers])[:-1])

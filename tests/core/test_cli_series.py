@@ -11,6 +11,8 @@ import geopandas
 import numpy as np
 import pandas as pd
 import pytest
+import rasterio
+from rasterio import Affine
 
 from treereg_core import io
 from treereg_core.cli import main
@@ -24,6 +26,7 @@ COLUMNS = [
     *("tree", "survey", "feature", "row_index", "tree_index", "state", "area_m2", "height_m", "confidence", "x", "y"),
     *("probability", "geometry"),
 ]
+CRS = "EPSG:32734"
 STATES = {"present", "missing", "new", "replanted", "unseen"}
 
 
@@ -229,6 +232,48 @@ def test_overwrite_removes_what_an_earlier_series_left_and_nothing_else(folders:
     assert {name for name in left if name.startswith("2023/")} == {"2023/notes.txt"}
     assert {"notes.txt", "memory/notes.txt", "memory/memory.json"} <= left
     assert "memory/bn_landmarks.xml" not in left
+
+
+def with_raster(folder: str, name: str, pixel: float) -> tuple[float, float]:
+    """A copy of a survey with an orthomosaic that has one bright spot; gives where, in the survey's working CRS."""
+    shutil.copytree(folder, name)
+    detections = geopandas.read_file(f"{name}/raw-detections.geojson").to_crs(CRS)
+    west, south, east, north = detections.total_bounds
+    spot = (west + 0.4 * (east - west), south + 0.6 * (north - south))
+    size = round((north - south) / pixel) + 1, round((east - west) / pixel) + 1
+    y, x = np.mgrid[: size[0], : size[1]]
+    square = (west + (x + 0.5) * pixel - spot[0]) ** 2 + (north - (y + 0.5) * pixel - spot[1]) ** 2
+    image = np.rint(20 + 200 * np.exp(-square / 8)).astype("uint8")
+    profile = {"driver": "GTiff", "height": size[0], "width": size[1], "count": 1, "dtype": "uint8", "crs": CRS}
+    place = Affine(pixel, 0, west, 0, -pixel, north)
+    with rasterio.open(f"{name}/visible_50cm.tif", "w", **profile, transform=place) as raster:
+        raster.write(image, 1)
+    return spot
+
+
+def test_rasters_are_laid_on_those_of_the_first_survey(folders: list[str], capsys: Output) -> None:
+    with_raster(folders[0], "first", 0.4)
+    spot = with_raster(folders[1], "second", 0.5)
+    with_raster(folders[2], "third", 0.5)
+    cut_off = Path("third/visible_50cm.tif")
+    cut_off.write_bytes(cut_off.read_bytes()[:-20_000])
+    arguments = ["series", "first", "second", "third", "--method", "icp", "--out", "out"]
+    assert main([*arguments, "-q"]) == 0
+    assert "third: its rasters are not moved: third/visible_50cm.tif is cut off" in capsys.readouterr().err
+    assert {name for name in files(Path("out")) if name.endswith(".tif")} == {"second/visible_registered.tif"}
+    assert Path("out/third/detections_registered.geojson").exists()
+
+    with rasterio.open("first/visible_50cm.tif") as first, rasterio.open("out/second/visible_registered.tif") as moved:
+        assert (moved.transform, moved.shape) == (first.transform, first.shape)
+        image = moved.read(1).astype(float)
+    row, column = (np.average(index, weights=np.clip(image - 40, 0, None)) for index in np.indices(image.shape))
+    registration = read(Path("out/second/registration.json"))
+    there = np.array(registration["transform"]["matrix"]) @ [*spot, 1]
+    west, north = moved.transform.c, moved.transform.f
+    assert [west + 0.4 * (column + 0.5), north - 0.4 * (row + 0.5)] == pytest.approx(there[:2], abs=0.04)
+
+    assert main([*arguments, "-q", "--overwrite", "--rasters", "none"]) == 0
+    assert not list(Path("out").rglob("*.tif"))
 
 
 def test_folders_may_be_given_as_dots(folders: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:

@@ -30,6 +30,9 @@ Set = Annotated[
 Seed = Annotated[int, typer.Option(help="Everything random derives from it.")]
 Threads = Annotated[int | None, typer.Option(help="At most this many; default: all processors.")]
 ConfidenceProperty = Annotated[str, typer.Option(metavar="NAME", help="The property that holds the confidence.")]
+Rasters = Annotated[
+    str, typer.Option(metavar="cog|lossless|none", help="How the source's rasters are moved onto the reference's.")
+]
 ResamplingName = Annotated[
     str, typer.Option(metavar="|".join(way.value for way in io.Resampling), help="How pixels are made of others.")
 ]

@@ -23,6 +23,7 @@ from treereg_core.cli.options import (
     ModelName,
     Out,
     Overwrite,
+    Rasters,
     ResamplingName,
     Seed,
     Set,
@@ -71,9 +72,7 @@ def run(
             help="What earlier surveys of this orchard taught; read, and updated when the result is accepted.",
         ),
     ] = None,
-    rasters: Annotated[
-        str, typer.Option(metavar="cog|lossless|none", help="How the source's rasters are moved onto the reference's.")
-    ] = "cog",
+    rasters: Rasters = "cog",
     resampling: ResamplingName = "auto",
     extent: Annotated[str, typer.Option(metavar="reference|source", help="How far moved rasters reach.")] = "reference",
     world_file: WorldFile = False,

@@ -21,9 +21,11 @@ from treereg_core.cli.options import (
     ModelName,
     Out,
     Overwrite,
+    Rasters,
     Seed,
     Set,
     Threads,
+    raster_options,
 )
 from treereg_core.cli.run import settle
 from treereg_core.errors import UsageError
@@ -59,6 +61,7 @@ def series(
     max_failure: MaxFailure = 0.001,
     set_: Set = None,
     config: Config = None,
+    rasters: Rasters = "cog",
     seed: Seed = 0,
     threads: Threads = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print series.json instead of a summary.")] = False,
@@ -84,11 +87,13 @@ def series(
         "threads": threads,
     }
     plan = settle(given, config)
+    moved = raster_options((rasters, "auto", "reference"), (False, False), plan.options.threads)
 
     with io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier(out)) as folder:
         remembering = replace(plan, options=plan.options.model_copy(update={"memory": folder / MEMORY}))
         found = carry_out(remembering, surveys, confidence_property, console.progress, tell)
-        write_series(found, folder)
+        for warning in write_series(found, folder, moved, console.share):
+            console.warn(warning)
         text = (folder / SERIES).read_text(encoding="utf-8")
     if as_json:
         typer.echo(text, nl=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import json
 from collections import Counter
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,13 @@ from typing import Any
 import numpy as np
 
 from treereg_core import io
-from treereg_core.outputs import RUN_FILES, write_result
+from treereg_core.errors import InputError
+from treereg_core.io.output import RUN_NAMES
+from treereg_core.outputs import write_result
 from treereg_core.series.history import State
 from treereg_core.series.registering import Member, Series
 from treereg_core.series.table import table
+from treereg_core.survey_rasters import raster_plan
 
 SCHEMA = "treereg/series/1"
 SERIES = "series.json"
@@ -35,22 +39,60 @@ def names_of_earlier(folder: Path) -> tuple[str, ...]:
         memory = [str(name) for name in document["memory"]] if surveys else []
     except (OSError, ValueError, LookupError, TypeError):
         surveys, memory = [], []
-    inside = [(MEMORY, name) for name in memory] + [(survey, name) for survey in surveys for name in RUN_FILES]
+    inside = [(MEMORY, name) for name in memory] + [(survey, name) for survey in surveys for name in RUN_NAMES]
     plain = [pair for pair in inside if all(Path(part).name == part and part != ".." for part in pair)]
     return (SERIES, PARQUET, GEOJSON, *("/".join(map(glob.escape, pair)) for pair in plain))
 
 
-def write_series(series: Series, folder: Path) -> None:
-    """Write everything into a folder that holds nothing but the memory; `InputError` when it cannot be written."""
+def write_series(
+    series: Series,
+    folder: Path,
+    rasters: io.RasterOptions | None = None,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> tuple[str, ...]:
+    """Write everything into a folder that holds nothing but the memory; gives sentences for people.
+
+    With `rasters` those of every accepted survey are moved onto the first survey's; one that cannot be moved is left
+    out, and a sentence says why. `progress` is given what is being moved and how much of it is done. Raises
+    `InputError` when the folder cannot be written.
+    """
+    warnings: tuple[str, ...] = ()
     for member in series.members:
         if member.result is not None:
             (folder / member.name).mkdir()
-            write_result(member.result, folder / member.name)
+            warnings += write_member(member, series.members[0], folder / member.name, rasters, progress)
     columns = table(series)
     io.write_tree_table(columns, series.frame.crs, folder / PARQUET)
     io.write_tree_points(columns, series.frame.crs, folder / GEOJSON)
     taught = sorted(file.name for file in (folder / MEMORY).glob("*")) if (folder / MEMORY).is_dir() else []
     io.write_json(folder / SERIES, {**series_json(series), "memory": taught})
+    return warnings
+
+
+def write_member(
+    member: Member,
+    first: Member,
+    folder: Path,
+    rasters: io.RasterOptions | None,
+    progress: Callable[[str, float], None],
+) -> tuple[str, ...]:
+    """Write the registration of one survey onto the first into an empty folder; gives sentences for people."""
+    assert member.result is not None
+    assert member.survey is not None
+    assert first.survey is not None
+    if rasters and member.result.accepted:
+        try:
+            plan = raster_plan((first.survey, member.survey), rasters, folder)
+            written = write_result(
+                member.result, folder, False, plan, lambda kind, share: progress(f"{member.name}: {kind}", share)
+            )
+            return tuple(f"{member.name}: {warning}" for warning in (*plan.warnings, *written.warnings))
+        except InputError as error:
+            for file in folder.iterdir():
+                file.unlink()
+            write_result(member.result, folder)
+            return (f"{member.name}: its rasters are not moved: {error}",)
+    return write_result(member.result, folder).warnings
 
 
 def series_json(series: Series) -> dict[str, Any]:

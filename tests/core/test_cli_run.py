@@ -133,8 +133,10 @@ def test_without_folders_it_makes_a_demonstration_and_prints_the_true_error(caps
     assert float(line.split()[2]) < 0.1
     paths = [read(Path("treereg-out/registration.json"))[side]["path"] for side in ("reference", "source")]
     assert all(Path(path).is_dir() for path in paths)
-    assert main(["run", "-q", "--json"]) == 0, "a second run at the default place needs no --overwrite"
+    assert {f"{kind}_registered.tif" for kind in ("visible", "dem")} <= set(names(Path("treereg-out")))
+    assert main(["run", "-q", "--json", "--rasters", "none"]) == 0, "at the default place it needs no --overwrite"
     json.loads(capsys.readouterr().out)
+    assert not list(Path("treereg-out").rglob("*.tif"))
 
 
 def test_starts_from_a_file_and_from_the_identity(orchard: Path) -> None:

@@ -14,11 +14,14 @@ from treereg_core.survey import Survey
 DEMONSTRATION = "demonstration"
 
 
-def make_orchard(folder: Path, seed: int) -> Path:
-    """Write survey folders `reference` and `source` of a simulated orchard; gives the file of its truth."""
+def make_orchard(folder: Path, seed: int, rasters: bool) -> Path:
+    """Write survey folders `reference` and `source` of a simulated orchard; gives the file of its truth.
+
+    With `rasters` both have their images too, which takes some seconds.
+    """
     from treereg_core.simulate import Scene, simulate, write_simulation
 
-    write_simulation(simulate(Scene(), seed), folder)
+    write_simulation(simulate(Scene(), seed), folder, rasters=rasters)
     return folder / "truth.json"
 
 

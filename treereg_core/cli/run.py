@@ -105,7 +105,8 @@ def run(
     with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
         truth = None
         if not inputs:
-            truth = make_orchard(folder / DEMONSTRATION, seed)
+            console.progress("make a demonstration orchard")
+            truth = make_orchard(folder / DEMONSTRATION, seed, rasters=beside is not None)
             inputs = [truth.parent / "reference", truth.parent / "source"]
         clock = Clock()
         surveys = read(inputs, plan, confidence_property, clock)

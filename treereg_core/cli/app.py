@@ -16,6 +16,7 @@ from treereg_core.cli.check import check
 from treereg_core.cli.console import console
 from treereg_core.cli.evaluate import evaluate
 from treereg_core.cli.methods import methods
+from treereg_core.cli.misregister import misregister
 from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
 from treereg_core.cli.series import series
@@ -59,6 +60,7 @@ for _command, _words in (
     (rows, "Find and number the planting rows of one survey."),
     (series, "Register surveys of one orchard over time, and follow every tree."),
     (evaluate, "Compare methods on the same trials with known misplacements."),
+    (misregister, "Copy a survey folder, turned and shifted by a known transform."),
     (simulate, "Make two survey folders whose truth is known."),
 ):
     app.command(short_help=_words)(_command)

@@ -31,6 +31,7 @@ from treereg_core.evaluation.files import FILES, open_folder, write_evaluation
 from treereg_core.evaluation.page import in_words, label
 from treereg_core.evaluation.summary import Line
 from treereg_core.io.output import DEFAULT_OUT
+from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M
 from treereg_core.options import Options
 from treereg_core.settings import Settings, check_used, merge, parse_assignments
 from treereg_core.simulate import FAMILIES
@@ -58,10 +59,10 @@ def evaluate(
     ] = None,
     rotation_sd: Annotated[
         float, typer.Option(min=0, metavar="DEGREES", help="How far surveys are turned on purpose, 1 sd.")
-    ] = 1.0,
+    ] = ROTATION_SD_DEG,
     translation_sd: Annotated[
         float, typer.Option(min=0, metavar="METRES", help="How far they are shifted, 1 sd per axis.")
-    ] = 3.0,
+    ] = TRANSLATION_SD_M,
     checkpoints: Annotated[
         Path | None,
         typer.Option(metavar="FILE.csv", help="Points found in both surveys, to be compared where they end."),

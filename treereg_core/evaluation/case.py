@@ -11,8 +11,9 @@ import numpy as np
 from treereg_core.evaluator import Problem
 from treereg_core.features import BoolArray, FeatureSet
 from treereg_core.image import Image
+from treereg_core.misregistration import drawn, misregistration
 from treereg_core.simulate import FAMILIES, Simulation, simulate_family
-from treereg_core.transform import Affine, FloatArray, Rigid
+from treereg_core.transform import Affine, FloatArray
 
 NONE = math.nan
 
@@ -114,16 +115,9 @@ class Misregistered:
 
     def case(self, name: str, seed: int) -> Case:
         """The surveys with the misregistration of this seed."""
-        rng = np.random.default_rng(seed)
-        wrong = misregistration(self.source, self.rotation_sd * rng.standard_normal(), self.translation_sd, rng)
+        wrong = misregistration(self.source, *drawn(seed, self.rotation_sd, self.translation_sd))
         source = self.source.replace(xy=wrong(self.source.xy))
         images = self.images and (self.images[0], self.images[1].moved(wrong))
         checkpoints = self.checkpoints and (self.checkpoints[0], wrong(self.checkpoints[1]))
         problem = Problem(self.reference, source, wrong.inverse(), images, checkpoints)
         return Case(name, seed, problem, np.ones(len(source), dtype=bool))
-
-
-def misregistration(source: FeatureSet, rotation_deg: float, translation_sd: float, rng: np.random.Generator) -> Rigid:
-    """A turn about the trees' centroid, then a shift drawn with this standard deviation for each axis, metres."""
-    shift = translation_sd * rng.standard_normal(2)
-    return Rigid.turn(rotation_deg, about=source.xy.mean(axis=0), shift=shift)

@@ -56,7 +56,8 @@ def check_geotiff(raster: Raster) -> None:
     """Raise `InputError` for a raster whose georeference alone cannot be rewritten."""
     if raster.driver != "GTiff":
         raise InputError(
-            f"{raster.path} is no GeoTIFF, so that its georeference alone cannot be rewritten; leave out lossless."
+            f"{raster.path} is no GeoTIFF, so that its georeference alone cannot be rewritten; export it as one, or "
+            "leave out lossless."
         )
 
 

@@ -176,8 +176,8 @@ def test_the_round_trip_of_a_resampled_raster_leaves_what_resampling_twice_leave
     assert main(["apply", *words]) == 0
     Path("north-up/visible_10cm.tif").replace("out/visible_10cm.tif")
     left = round_trip(grid, values, "out/misregistration.json")
-    # the cubic kernel (Keys 1981, doi:10.1109/TASSP.1981.1163711) misses at most 0.016 of the third derivative, which is
-    # at most 1.38 / s^3 of a spot's 200, s being four pixels; along two axes, on the way out and on the way back
+    # the cubic kernel (Keys 1981, doi:10.1109/TASSP.1981.1163711) misses at most 0.016 of the third derivative, which
+    # is at most 1.38 / s^3 of a spot's 200, s being four pixels; along two axes, on the way out and on the way back
     assert 0 < np.abs(left).max() < 4 * 0.016 * 1.38 * 200 / 4**3
 
 

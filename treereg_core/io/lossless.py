@@ -40,7 +40,7 @@ def moved_grid(raster: Raster, motion: Motion) -> tuple[Grid, tuple[str, ...]]:
     worst = float(np.hypot(*(fitted.inverse()(there) - points).T).max())
     warning = (
         f"{raster.path} is in another CRS than the transform, so that no georeference alone puts it right: pixels lie "
-        f"up to {worst:.2f} pixels off; leave out lossless to have it exact."
+        f"up to {worst:.2f} pixels off; reproject it, or leave out lossless."
     )
     found = Grid(fitted, grid.width, grid.height, grid.crs, grid.wkt)
     return found, (warning,) if worst > WARN_PIXELS else ()

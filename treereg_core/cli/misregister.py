@@ -52,7 +52,7 @@ def misregister(
     """Copy SURVEY, turned about the centroid of its detections and then shifted; misregistration.json undoes it.
 
     Vector files move, and GeoTIFFs by their georeference alone, so that no pixel changes. The boundary is copied as it
-    is. Other files are left out, with a warning; so are folders in SURVEY.
+    is. Other files are left out, with a warning, and folders in SURVEY without one.
     """
     turn, shift = settle((rotation_sd, translation_sd), rotation, translation, seed)
     console.progress(f"read {survey}")

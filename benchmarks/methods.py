@@ -55,11 +55,11 @@ def begun(trial: Trial) -> str:
 
 def overall(trials: Iterable[Trial]) -> str:
     """A line per start and method."""
-    groups: dict[tuple[str, str], list[Trial]] = {}
+    groups: dict[str, dict[str, list[Trial]]] = {}
     for trial in trials:
-        groups.setdefault((begun(trial), trial.method), []).append(trial)
+        groups.setdefault(begun(trial), {}).setdefault(trial.method, []).append(trial)
     rows = []
-    for (start, method), every in groups.items():
+    for start, method, every in ((start, *one) for start, by_method in groups.items() for one in by_method.items()):
         line = Line.of([trial for trial in every if GROUPS[trial.name] != "absent"] or every, ALL)
         rows.append(
             (

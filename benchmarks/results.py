@@ -33,22 +33,28 @@ METHODS = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the trials that are missing and write the page."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    options = parser().parse_args(given)
+    options = parser().parse_args(arguments)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     try:
         source = Families(families_of(options.family or list(FAMILIES)))
         study = Study(source, setups_of({}, ([*METHODS, *(options.method or ())], STARTS), {}, None), seeds)
         trials = run_all(study, open_folder(options.out, (), overwrite=False), options.jobs, told)
-        said = f"{len(source.names)} families, {len(seeds)} pairs of surveys of each, seeds {seeds[0]} to {seeds[-1]}."
+        said = f"{len(source.names)} families; pairs of surveys of each: {len(seeds)}."
         write_evaluation(study, [said], trials, options.out)
     except TreeregError as error:
         print(error, file=sys.stderr)
         return 2
-    command = f"```\nuv run python -m benchmarks.results {shlex.join(given)}\n```"
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(filled(page, {"results": f"{command}\n\n{said}\n\n{tables(trials)}"}), encoding="utf-8")
+    text = f"```\n{command(options)}\n```\n\n{said}\n\n{tables(trials)}"
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), {"results": text}), encoding="utf-8")
     return 1 if any(trial.verdict == CRASHED for trial in trials) else 0
+
+
+def command(options: argparse.Namespace) -> str:
+    """What makes these tables anywhere."""
+    words = ["--out", "results", "--seeds", str(options.seeds), "--first-seed", str(options.first_seed)]
+    for name in ("family", "method"):
+        words += [word for value in getattr(options, name) or () for word in (f"--{name}", value)]
+    return shlex.join(["uv", "run", "python", "-m", "benchmarks.results", *words])
 
 
 def parser() -> argparse.ArgumentParser:

@@ -195,7 +195,7 @@ def test_one_command_makes_the_page_of_results(tmp_path, monkeypatch):
     assert first.startswith("# Before\n")
     assert first.endswith("<!-- /results -->\nafter\n")
     assert "stale figures" not in first
-    assert "--family small_60 --seeds 1" in first
+    assert "--out results --seeds 1 --first-seed 0 --family small_60\n" in first
     for start in results.STARTS:
         assert f"### From `{start}`" in first
     assert "| family | trials | `icp` | `confidence+icp` |" in first
@@ -233,7 +233,7 @@ def test_methods_are_compared_on_the_seeds_that_all_tried(tmp_path, monkeypatch,
 def test_a_method_that_is_never_right_has_no_ratio():
     wrong = [replace(TRIAL, seed=k, right=False, verdict="failed") for k in range(3)]
     right = [replace(TRIAL, seed=k, method="aco", error=0.02, fit_error=0.01) for k in range(3)]
-    lines = comparison.report([*wrong, *right, replace(TRIAL, family="different")]).splitlines()[2:]
+    lines = comparison.report([*wrong, *right, replace(TRIAL, name="different")]).splitlines()[2:]
     assert [line.split()[:2] for line in lines[:2]] == [["shift_3", "icp"], ["shift_3", "aco"]]
     assert [line.split()[:2] for line in lines[2:]] == [["all", "ordinary"]] * 2
     assert lines[0].split()[-6:] == ["-", "-", "-", "-", "0", "3"]

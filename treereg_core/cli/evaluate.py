@@ -28,7 +28,7 @@ from treereg_core.errors import UsageError
 from treereg_core.evaluation import Families, Misregistered, Study, run_all
 from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.files import FILES, open_folder, write_evaluation
-from treereg_core.evaluation.page import in_words, label
+from treereg_core.evaluation.page import in_words, label, silent_in_words
 from treereg_core.evaluation.summary import Line
 from treereg_core.io.output import DEFAULT_OUT
 from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M
@@ -164,14 +164,16 @@ def of_surveys(
 
 def summary(notes: Sequence[str], lines: Sequence[Line], out: Path) -> str:
     """What was done, a line for each method, start and family, and where the files are."""
-    rows = [["method", "trials of", "trials", "right", "silent", "flagged", "failed", "error", "p95", "seconds"]]
+    header = ("method", "trials of", "trials", "right", "silent", "flagged", "failed", "error", "p95")
+    rows = [[*header, "coverage", "seconds"]]
     for line in lines:
         error = line.error
         rows.append(
             [
-                *(label(line), line.name, str(line.trials), in_words(line.right), str(line.silent)),
+                *(label(line), line.name, str(line.trials), in_words(line.right), silent_in_words(line)),
                 *(in_words(line.flagged), in_words(line.failed)),
                 *((f"{error.median:.3f} m", f"{error.p95:.3f} m") if error else ("-", "-")),
+                in_words(line.covered),
                 f"{line.seconds:.2f}" if line.seconds is not None else "-",
             ]
         )

@@ -16,6 +16,8 @@ from treereg_core.simulate import FAMILIES, Simulation, simulate_family
 from treereg_core.transform import Affine, FloatArray
 
 NONE = math.nan
+RIGHT_M = 0.5
+RIGHT_FACTOR = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,10 @@ class Case:
         xy = self.problem.source.xy[self.counted]
         return math.sqrt(float(np.mean(((found(xy) - truth(xy)) ** 2).sum(axis=1))))
 
+    def right(self, found: Affine | None) -> bool:
+        """Whether a placement counts as right: `is_right` of its error; never without a placement or a truth."""
+        return is_right(self.error(found), self.fit_error, self.bend)
+
     @property
     def misplaced(self) -> tuple[float, float]:
         """How far the files' own georeference is off: turn, degrees, and shift of the trees' centroid, metres."""
@@ -52,6 +58,15 @@ class Case:
             return NONE, NONE
         centroid = self.problem.source.xy.mean(axis=0, keepdims=True)
         return abs(truth.rotation_deg), float(np.hypot(*(truth(centroid) - centroid)[0]))
+
+
+def is_right(error: float, fit_error: float, bend: float) -> bool:
+    """Whether an error, metres, is below 0.5 m or 1.25 times that of the fit with the true pairs; never for NaN.
+
+    Both then count the distortion that no rigid transform can undo (`bend`).
+    """
+    limit = RIGHT_M if math.isnan(fit_error) else max(RIGHT_M, RIGHT_FACTOR * math.hypot(fit_error, bend))
+    return math.hypot(error, bend) < limit
 
 
 class Source(Protocol):

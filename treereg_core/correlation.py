@@ -148,7 +148,7 @@ class Correlator:
         self, met: Map, crowns: Map, common: Map, coarse_cell: float, limit: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Local maxima of the met trees, with sub-cell shifts in metres, met trees and scores; best first."""
-        i, j = np.nonzero((met == ndimage.maximum_filter(met, size=3, mode="wrap")) & (met > self.least / 3))
+        i, j = np.nonzero((met == _highest_around(met)) & (met > self.least / 3))
         fine = np.column_stack([_parabola(met, i, j, axis) for axis in (0, 1)])
         shift = np.column_stack([i, j]) + fine
         shift = np.where(shift > limit, shift - met.shape, shift) * self.cell
@@ -202,6 +202,23 @@ def _parabola(values: Map, i: IntArray, j: IntArray, axis: int) -> FloatArray:
     after = values[(i + step_i) % rows, (j + step_j) % columns]
     bend = before - 2 * values[i, j] + after
     return np.asarray(np.clip((before - after) / (2 * np.where(bend < 0, bend, -np.inf)), -0.5, 0.5))
+
+
+def _highest_around(values: Map) -> Map:
+    """The largest value of each cell and the eight around it; the grid wraps around."""
+    # shifted slices, several times faster than the filter of scipy
+    for axis in (0, 1):
+        highest = values.copy()
+        old, new = np.moveaxis(values, axis, 0), np.moveaxis(highest, axis, 0)
+        for here, there in (
+            (np.s_[1:], np.s_[:-1]),
+            (np.s_[:-1], np.s_[1:]),
+            (np.s_[:1], np.s_[-1:]),
+            (np.s_[-1:], np.s_[:1]),
+        ):
+            np.maximum(new[here], old[there], out=new[here])
+        values = highest
+    return values
 
 
 def _signed_square(z: FloatArray) -> FloatArray:

@@ -109,24 +109,25 @@ class Correlator:
         everywhere, trees = self._coverage(0, np.eye(2), fixed_low, coarse_cell, coarse_shape)
         moving_everywhere, moving_trees = self._coverage(1, template.linear, moved_low, coarse_cell, coarse_shape)
 
-        peaks = []
-        # Indices count f - m for the map itself, which wraps below 0, and f + m for the half turn, which does not.
-        reach = np.ptp(reference.features.xy, axis=0) / self.cell + 2
-        for sign, corner, limit in ((1, moved_low, reach), (-1, -moved_low, np.array(shape))):
+        def correlate(a: Spectrum, b: Spectrum, s: tuple[int, int], sign: int) -> Map:
+            product = np.conj(b) if sign > 0 else b.copy()
+            product *= a
+            return np.asarray(fft.irfft2(product, s=s, workers=workers, overwrite_x=True))
 
-            def correlate(a: Spectrum, b: Spectrum, s: tuple[int, int], sign: int = sign) -> Map:
-                return np.asarray(fft.irfft2(a * (np.conj(b) if sign > 0 else b), s=s, workers=workers))
-
-            maps = correlate(fixed[0], moving[0], shape), correlate(fixed[1], moving[1], shape)
+        def peaks(sign: int, corner: FloatArray, limit: FloatArray) -> Peaks:
+            maps = [correlate(a, b, shape, sign) for a, b in zip(fixed, moving, strict=True)]
             covered = (
-                correlate(trees, moving_everywhere, coarse_shape),
-                correlate(everywhere, moving_trees, coarse_shape),
+                correlate(trees, moving_everywhere, coarse_shape, sign),
+                correlate(everywhere, moving_trees, coarse_shape, sign),
             )
             common = np.sqrt(np.maximum(covered[0], 0) * np.maximum(covered[1], 0))
-            shift, met, score = self._peaks(*maps, common, coarse_cell, limit)
+            shift, met, score = self._peaks(maps[0], maps[1], common, coarse_cell, limit)
             turned = type(template)(sign * template.linear, template.shift)
-            peaks.append(Peaks(turned, shift + fixed_low - corner, met, score))
-        return peaks[0], peaks[1]
+            return Peaks(turned, shift + fixed_low - corner, met, score)
+
+        # Indices count f - m for the map itself, which wraps below 0, and f + m for the half turn, which does not.
+        reach = np.ptp(reference.features.xy, axis=0) / self.cell + 2
+        return peaks(1, moved_low, reach), peaks(-1, -moved_low, np.array(shape))
 
     @staticmethod
     def _shape(size: FloatArray, cell: float) -> tuple[int, int]:

@@ -1,0 +1,56 @@
+"""The bar at the foot of a terminal; imported when one is drawn."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TextColumn
+from rich.table import Column
+from rich.text import Text
+
+SPEED_OVER_S = 600.0
+
+
+class Time(ProgressColumn):
+    """The time left where it can be told, else the time that went by."""
+
+    def render(self, task: Task) -> Text:
+        """The column of one task."""
+        if task.time_remaining is not None and not task.finished:
+            return Text(f"{timedelta(seconds=round(task.time_remaining))} left")
+        return Text(str(timedelta(seconds=int(task.elapsed or 0))))
+
+
+class Bar:
+    """One line on stderr: what is being done, how much of it, and the time; gone when it is stopped."""
+
+    def __init__(self, message: str) -> None:
+        what = TextColumn(
+            "{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="crop", ratio=3)
+        )
+        bar = BarColumn(bar_width=None, table_column=Column(min_width=6, ratio=2))
+        self._progress = Progress(
+            *(what, bar, TaskProgressColumn(), Time(table_column=Column(no_wrap=True))),
+            console=Console(stderr=True, highlight=False),
+            transient=True,
+            expand=True,
+            redirect_stdout=False,
+            speed_estimate_period=SPEED_OVER_S,
+        )
+        self._task = self._progress.add_task(message, total=None)
+        self._kind = ""
+        self._progress.start()
+
+    def show(self, message: str, done: float | None) -> None:
+        """Show what is being done and the share of it that is done, None where that is not known."""
+        kind = message.partition(":")[0] if done is not None else ""
+        if kind != self._kind:
+            self._progress.reset(self._task, start=True)
+            self._kind = kind
+        total = None if done is None else 1.0
+        self._progress.update(self._task, description=message, total=total, completed=done or 0.0)
+
+    def stop(self) -> None:
+        """Take the line away."""
+        self._progress.stop()

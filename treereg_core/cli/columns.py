@@ -50,9 +50,17 @@ def with_text(rows: Sequence[Sequence[str]], width: int | None = None) -> list[s
 
 
 def labelled(rows: Mapping[str, str | Sequence[str]], width: int | None = None) -> list[str]:
-    """A line for each name and what is to be said of it; of several texts none is broken, as paths must not be."""
+    """A line for each name and what is to be said of it; of several texts none is broken, as paths must not be; where one is too long they go
+    below the name."""
     size = max(map(len, rows)) + GAP
-    return [line for name, text in rows.items() for line in hanging(f"  {name.ljust(size)}", text, width)]
+    lines = []
+    for name, text in rows.items():
+        longest = 0 if isinstance(text, str) else max(map(len, text), default=0) + 1
+        if width is not None and 2 + size + longest > width:
+            lines += [f"  {name}", *hanging("    ", text, width)]
+        else:
+            lines += hanging(f"  {name.ljust(size)}", text, width)
+    return lines
 
 
 def hanging(head: str, text: str | Sequence[str], width: int | None) -> list[str]:

@@ -54,10 +54,11 @@ def what_next(said: Judgement, registration: Path) -> str:
             "see that both folders show one orchard and share a good part of it; begin from a placement of your own "
             "with --start FILE.json, or from the files' own georeference with --start identity"
         )
-    choose = f"treereg apply {shlex.quote(str(registration))} FILE... --out DIR"
+    apply = f"treereg apply {shlex.quote(str(registration))} FILE... --out DIR"
+    choose = f"{apply} --rival 1 (the first rival; --force: this one)" if said.rivals else f"{apply} --force"
     return (
-        "if you know how far the files may be off, run it again with --georeference-sd METRES; else look at the "
-        f"placements and choose one: {choose} " + ("with --rival 1 or --force" if said.rivals else "--force")
+        "if you know how far the files' georeference may be off, run it again with --georeference-sd METRES; else "
+        f"compare the placements on an image and choose one: {choose}"
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
-"""Takes how many of how many calls have come to an end."""
+"""Takes how many of how many calls have come to an end; first of all none of them."""
 
 
 def spread(call: Callable[..., T], tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) -> Iterator[T]:
@@ -20,6 +20,7 @@ def spread(call: Callable[..., T], tasks: Sequence[tuple[Any, ...]], jobs: int, 
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(call, *task) for task in tasks]
         try:
+            progress(0, len(tasks))
             for k, future in enumerate(as_completed(futures), 1):
                 yield future.result()
                 progress(k, len(tasks))

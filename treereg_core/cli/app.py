@@ -71,6 +71,10 @@ def carry_out(arguments: Sequence[str] | None) -> int:
     console.reset()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a letter that the terminal does not know must not end a run
         sys.stdout.reconfigure(errors="backslashreplace")
+    if sys.platform == "win32":
+        import colorama
+
+        colorama.just_fix_windows_console()
     try:
         code = app(args=arguments, prog_name="treereg", standalone_mode=False)
         if sys.stdout:

@@ -9,17 +9,16 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgres
 from rich.table import Column
 from rich.text import Text
 
-SPEED_OVER_S = 600.0
-
 
 class Time(ProgressColumn):
     """The time left where it can be told, else the time that went by."""
 
     def render(self, task: Task) -> Text:
         """The column of one task."""
-        if task.time_remaining is not None and not task.finished:
-            return Text(f"{timedelta(seconds=round(task.time_remaining))} left")
-        return Text(str(timedelta(seconds=int(task.elapsed or 0))))
+        gone = task.elapsed or 0.0
+        if task.total and 0 < task.completed < task.total:
+            return Text(f"{timedelta(seconds=round(gone / task.completed * (task.total - task.completed)))} left")
+        return Text(str(timedelta(seconds=int(gone))))
 
 
 class Bar:
@@ -36,15 +35,16 @@ class Bar:
             transient=True,
             expand=True,
             redirect_stdout=False,
-            speed_estimate_period=SPEED_OVER_S,
         )
         self._task = self._progress.add_task(message, total=None)
         self._kind = ""
         self._progress.start()
 
-    def show(self, message: str, done: float | None) -> None:
-        """Show what is being done and the share of it that is done, None where that is not known."""
-        kind = message.partition(":")[0] if done is not None else ""
+    def show(self, kind: str, message: str, done: float | None) -> None:
+        """Show what is being done and the share of it that is done, None where that is not known.
+
+        The time counts from where the kind of work changes.
+        """
         if kind != self._kind:
             self._progress.reset(self._task, start=True)
             self._kind = kind

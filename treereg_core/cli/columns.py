@@ -50,8 +50,9 @@ def with_text(rows: Sequence[Sequence[str]], width: int | None = None) -> list[s
 
 
 def labelled(rows: Mapping[str, str | Sequence[str]], width: int | None = None) -> list[str]:
-    """A line for each name and what is to be said of it; of several texts none is broken, as paths must not be; where one is too long they go
-    below the name."""
+    """A line for each name and what is to be said of it; of several texts none is broken, as paths must not be.
+
+    Where one of those is too long they go below the name."""
     size = max(map(len, rows)) + GAP
     lines = []
     for name, text in rows.items():

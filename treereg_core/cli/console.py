@@ -32,22 +32,21 @@ class Console:
     items: int = 0
     finished: int = 0
     _bar: Bar | None = None
-    _told_at: float = -EVERY_S
-    _first: tuple[float, int] | None = None
+    _begun_at: float = 0.0
+    _told_at: float = 0.0
 
     def reset(self) -> None:
         """Back to the ordinary amount, for the next command of the same process."""
         self.end_bar()
         self.verbose = self.quiet = False
         self.items = self.finished = 0
-        self._told_at, self._first = -EVERY_S, None
 
     def progress(self, message: str) -> None:
         """What is being done; silent with `-q`."""
         if self.quiet:
             return
         if interactive(sys.stderr):
-            self._draw(message, self.finished / self.items if self.items else None)
+            self._draw("", message, self.finished / self.items if self.items else None)
         else:
             self.say(message)
 
@@ -59,30 +58,28 @@ class Console:
     def share(self, what: str, done: float) -> None:
         """How much of something is done, from 0 to 1; only on a terminal."""
         if not self.quiet and interactive(sys.stderr):
-            self._draw(what, min(done, 1.0))
+            self._draw(what, what, min(done, 1.0))
 
     def count(self, what: str, done: int, total: int) -> None:
-        """How many are done, for work of many equal parts; with the time left where a bar can show it."""
+        """How many are done of work in many equal parts, told with none done first; with the time left."""
         now = time.monotonic()
         text = f"{what}: {done} of {total}"
-        self._first = self._first or (now, done)
-        if interactive(sys.stderr):
-            self.share(text, done / total)
-        elif done == total or now - self._told_at >= EVERY_S:
+        if not done:
+            self._begun_at = self._told_at = now
+        if interactive(sys.stderr) and not self.quiet:
+            self._draw(what, text, done / total if total else 1.0)
+        elif done and (done == total or now - self._told_at >= EVERY_S):
             self._told_at = now
-            since, before = self._first
-            left = (now - since) / max(done - before, 1) * (total - done)
-            self.progress(f"{text}, {left:.0f} s left" if done > before else text)
+            self.progress(f"{text}, {(now - self._begun_at) / done * (total - done):.0f} s left")
         if done == total:
             self.end_bar()
-            self._first = None
 
-    def _draw(self, message: str, done: float | None) -> None:
+    def _draw(self, kind: str, message: str, done: float | None) -> None:
         if self._bar is None:
             from treereg_core.cli.bar import Bar
 
             self._bar = Bar(plain(message))
-        self._bar.show(plain(message), done)
+        self._bar.show(kind, plain(message), done)
 
     def end_bar(self) -> None:
         """Take the bar away, so that whatever comes next begins a line of its own."""
@@ -105,12 +102,12 @@ class Console:
         """One line on stderr, behind a word in a colour where there is one."""
         self.end_bar()
         start = f"{painted(*head, stream=sys.stderr)} " if head else ""
-        typer.echo(start + plain(message), err=True, color=coloured(sys.stderr))
+        print(start + plain(message), file=sys.stderr, flush=True)
 
     def show(self, text: str) -> None:
         """The result for people, on stdout."""
         self.end_bar()
-        typer.echo(text, color=coloured(sys.stdout))
+        print(text)
 
 
 def interactive(stream: IO[str]) -> bool:

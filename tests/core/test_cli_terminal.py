@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -36,8 +37,11 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def on_terminal(*words: str, columns: int = 80, **environment: str) -> tuple[int, str]:
-    """The exit code of one command line, and everything that it writes on a terminal of so many columns."""
+def on_terminal(*words: str, columns: int = 80, interrupt_at: bytes = b"", **environment: str) -> tuple[int, str]:
+    """The exit code of one command line, and everything that it writes on a terminal of so many columns.
+
+    As soon as it has written `interrupt_at`, Ctrl-C is pressed: it and its processes get the signal.
+    """
     import fcntl
     import struct
     import termios
@@ -48,9 +52,10 @@ def on_terminal(*words: str, columns: int = 80, **environment: str) -> tuple[int
         [sys.executable, "-c", CODE, *words],
         **dict.fromkeys(("stdin", "stdout", "stderr"), theirs),  # type: ignore[call-overload]
         env={**os.environ, "TERM": "xterm-256color", **environment},
+        start_new_session=True,
     )
     os.close(theirs)
-    written = b""
+    written, waiting = b"", bool(interrupt_at)
     while True:
         try:
             some = os.read(ours, 65536)
@@ -59,8 +64,44 @@ def on_terminal(*words: str, columns: int = 80, **environment: str) -> tuple[int
         if not some:
             break
         written += some
+        if waiting and interrupt_at in written:
+            os.killpg(running.pid, signal.SIGINT)
+            waiting = False
     os.close(ours)
     return running.wait(timeout=60), written.decode()
+
+
+@pytest.mark.parametrize(
+    ("words", "moment"),
+    [
+        (("evaluate", "--family", "small_60", "--trials", "500", "--method", "icp", "--jobs", "2"), b"\x1b[?25l"),
+        (("evaluate", "--family", "small_60", "--trials", "500", "--method", "icp", "--jobs", "2"), b"trials: 2"),
+        (("run", "--out", "out"), b"paint reference"),
+    ],
+)
+def test_control_c_ends_with_130_and_without_a_word(words: tuple[str, ...], moment: bytes) -> None:
+    code, written = on_terminal(*words, interrupt_at=moment)
+    assert code == 130
+    assert "Traceback" not in written
+    assert "Error" not in written
+    assert written.rindex("\x1b[?25h") > written.rindex("\x1b[?25l")
+    assert [path.name for path in Path().rglob("*") if path.name not in ("treereg-out", "trials.csv")] == []
+
+
+@pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGTERM])
+def test_rasters_that_are_being_written_are_gone_with_it(signal_: signal.Signals, orchard: Path) -> None:
+    code = CODE.replace("import sys;", "import os, sys; from treereg_core.io import warping;").replace(
+        "sys.exit",
+        "whole = warping.Warp.into\n"
+        "def into(self, path, progress):\n"
+        f"    return whole(self, path, lambda share: os.kill(os.getpid(), {int(signal_)}))\n"
+        "warping.Warp.into = into\n"
+        "sys.exit",
+    )
+    done = subprocess.run([sys.executable, "-c", code, *run(orchard)], capture_output=True, check=False)
+    assert done.returncode == 130
+    assert b"Traceback" not in done.stderr
+    assert list(Path().iterdir()) == []
 
 
 def left_over(written: str) -> list[str]:

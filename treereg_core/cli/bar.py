@@ -38,6 +38,9 @@ class Bar:
         )
         self._task = self._progress.add_task(message, total=None)
         self._kind = ""
+
+    def start(self) -> None:
+        """Draw it; whatever interrupts this, `stop` puts the terminal in order."""
         self._progress.start()
 
     def show(self, kind: str, message: str, done: float | None) -> None:
@@ -54,3 +57,4 @@ class Bar:
     def stop(self) -> None:
         """Take the line away."""
         self._progress.stop()
+        self._progress.console.show_cursor(True)

@@ -79,6 +79,7 @@ class Console:
             from treereg_core.cli.bar import Bar
 
             self._bar = Bar(plain(message))
+            self._bar.start()
         self._bar.show(kind, plain(message), done)
 
     def end_bar(self) -> None:

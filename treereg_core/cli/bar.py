@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from datetime import timedelta
 
 from rich.console import Console
@@ -56,5 +57,6 @@ class Bar:
 
     def stop(self) -> None:
         """Take the line away."""
-        self._progress.stop()
+        with suppress(IndexError):  # raised where an interruption came in the middle of the start
+            self._progress.stop()
         self._progress.console.show_cursor(True)

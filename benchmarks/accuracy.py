@@ -53,7 +53,7 @@ def main() -> int:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     try:
         how = (options.method or [defaults()["method"]], [IDENTITY if near else options.start])
-        study = Study(source, setups_of({"georeference_sd": options.georeference_sd}, how, {}, None), seeds)
+        study = Study(source, setups_of({"georeference_sd": options.georeference_sd, "settings": {}}, how, None), seeds)
         trials = run_all(study, options.out, options.jobs, told)
     except TreeregError as error:
         print(error, file=sys.stderr)

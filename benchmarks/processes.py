@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from treereg_core import processes
+from treereg_core.cli.console import console
 
 T = TypeVar("T")
 
 
-def told(text: str) -> None:
+def told(done: int, total: int) -> None:
     """Progress on stderr."""
-    print(f"trials: {text}", file=sys.stderr, flush=True)
+    console.count("trials", done, total)
 
 
 def spread(call: Callable[..., T], tasks: Sequence[tuple[Any, ...]], jobs: int) -> Iterator[T]:

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     try:
         source = Families(families_of(options.family or list(FAMILIES)))
-        study = Study(source, setups_of({}, ([*METHODS, *(options.method or ())], STARTS), {}, None), seeds)
+        study = Study(source, setups_of({"settings": {}}, ([*METHODS, *(options.method or ())], STARTS), None), seeds)
         trials = run_all(study, open_folder(options.out, (), overwrite=False), options.jobs, told)
         said = f"{len(source.names)} families; pairs of surveys of each: {len(seeds)}."
         write_evaluation(study, [said], trials, options.out)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from treereg_core.cli import completion
 from treereg_core.cli.console import Verbose
 from treereg_core.errors import PluginError
 from treereg_core.expression import parse
@@ -19,7 +20,9 @@ from treereg_core.settings import record
 
 
 def check(
-    target: Annotated[str, typer.Argument(metavar="NAME|EXPR|FILE.py", help="What to check.")],
+    target: Annotated[
+        str, typer.Argument(metavar="NAME|EXPR|FILE.py", autocompletion=completion.targets, help="What to check.")
+    ],
     verbose: Verbose = False,
 ) -> int:
     """Run the contract's laws on a method, an expression or every method of a plugin file, and print each."""

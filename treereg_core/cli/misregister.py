@@ -68,8 +68,8 @@ def misregister(
         copy.write(folder, console.progress)
         io.write_json(folder / NAME, record(read, wrong, turn, shift))
     if not console.quiet:
-        print(f"turned {turn:+.4f} deg, shifted {shift[0]:+.3f} m east, {shift[1]:+.3f} m north")
-        print("\n".join(f"  {out / name}" for name in names))
+        moved = f"turned {turn:+.4f} deg, shifted {shift[0]:+.3f} m east, {shift[1]:+.3f} m north"
+        console.show("\n".join([moved, *(f"  {out / name}" for name in names)]))
 
 
 def settle(

@@ -36,6 +36,8 @@ Rasters = Annotated[
 ResamplingName = Annotated[
     str, typer.Option(metavar="|".join(way.value for way in io.Resampling), help="How pixels are made of others.")
 ]
+ExtentName = Annotated[str, typer.Option("--extent", metavar="reference|source", help="How far moved rasters reach.")]
+Force = Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")]
 WorldFile = Annotated[bool, typer.Option("--world-file", help="Write a world file beside each raster.")]
 GcpPoints = Annotated[
     bool, typer.Option("--gcp-points", help="Write ground control points for QGIS beside each raster.")

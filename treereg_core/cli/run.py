@@ -16,6 +16,8 @@ from treereg_core.cli.demonstration import DEMONSTRATION, made_at, make_orchard,
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
+    ExtentName,
+    Force,
     GcpPoints,
     GeoreferenceSd,
     MaxFailure,
@@ -74,10 +76,10 @@ def run(
     ] = None,
     rasters: Rasters = "cog",
     resampling: ResamplingName = "auto",
-    extent: Annotated[str, typer.Option(metavar="reference|source", help="How far moved rasters reach.")] = "reference",
+    extent: ExtentName = "reference",
     world_file: WorldFile = False,
     gcp_points: GcpPoints = False,
-    force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
+    force: Force = False,
     seed: Seed = 0,
     threads: Threads = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print registration.json instead of a summary.")] = False,
@@ -88,18 +90,7 @@ def run(
     """Register SOURCE onto REFERENCE, two survey folders; without them a demonstration orchard."""
     if (reference is None) != (source is None):
         raise UsageError("one survey folder alone cannot be registered; give REFERENCE and SOURCE, or neither.")
-    given = {
-        "method": method,
-        "start": start,
-        "georeference_sd": georeference_sd,
-        "model": model,
-        "max_failure": max_failure,
-        "memory": memory,
-        "settings": merge(tables(context), parse_assignments(set_ or ())),
-        "seed": seed,
-        "threads": threads,
-    }
-    plan = settle(given, config)
+    plan = settle(given(context), config)
     beside = raster_options((rasters, resampling, extent), (world_file, gcp_points), plan.options.threads)
     inputs = [folder for folder in (reference, source) if folder]
     with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
@@ -133,6 +124,12 @@ def run(
     else:
         print(summary(result, out, written.names, error_m))
     return 0 if result.accepted else 3
+
+
+def given(context: typer.Context) -> dict[str, object]:
+    """The options of a run that a command was given, with the settings of its command line and of its file."""
+    named = {name: value for name, value in context.params.items() if name in Options.model_fields}
+    return {**named, "settings": merge(tables(context), parse_assignments(context.params["set_"] or ()))}
 
 
 def settle(given: Mapping[str, object], config: Path | None) -> Plan:

@@ -10,7 +10,7 @@ import typer
 
 from treereg_core import io
 from treereg_core.cli.columns import in_columns
-from treereg_core.cli.config import Config, tables
+from treereg_core.cli.config import Config
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.cli.options import (
     DEFAULTS,
@@ -27,7 +27,7 @@ from treereg_core.cli.options import (
     Threads,
     raster_options,
 )
-from treereg_core.cli.run import settle
+from treereg_core.cli.run import given, settle
 from treereg_core.errors import UsageError
 from treereg_core.io.output import DEFAULT_OUT
 from treereg_core.series.files import (
@@ -41,7 +41,6 @@ from treereg_core.series.files import (
 )
 from treereg_core.series.history import State
 from treereg_core.series.registering import Member, Series, carry_out, check_folders, name_of
-from treereg_core.settings import merge, parse_assignments
 
 
 def series(
@@ -76,17 +75,7 @@ def series(
         raise UsageError(f"{taken} has a name that a file of the results has; rename it.")
     if start.lower().endswith(".json"):
         raise UsageError(f"--start {start}: one transform is no start for several surveys; give a coarse aligner.")
-    given = {
-        "method": method,
-        "start": start,
-        "georeference_sd": georeference_sd,
-        "model": model,
-        "max_failure": max_failure,
-        "settings": merge(tables(context), parse_assignments(set_ or ())),
-        "seed": seed,
-        "threads": threads,
-    }
-    plan = settle(given, config)
+    plan = settle(given(context), config)
     moved = raster_options((rasters, "auto", "reference"), (False, False), plan.options.threads)
 
     with io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier(out)) as folder:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -107,9 +108,12 @@ class _Child:
         """Whether the call went well, and what it gave or raised."""
         try:
             self._pipe.send((function, arguments))
-            if not self._pipe.poll(seconds):
-                raise TimeUp(f"it took longer than {seconds:g} s")
-            answer: tuple[bool, Any] = self._pipe.recv()
+            answer: tuple[bool, Any] | None = self._pipe.recv()
+            if answer is None:  # begun: a new process takes a while to start, which is no fault of the call
+                if not self._pipe.poll(seconds):
+                    raise TimeUp(f"it took longer than {seconds:g} s")
+                answer = self._pipe.recv()
+                assert answer is not None
         except (EOFError, OSError) as error:
             self._process.join(LEAVE_S)
             self.end()
@@ -145,10 +149,13 @@ def _serve(pipe: Connection, memory_bytes: int | None) -> None:
         _limit_memory(memory_bytes)
     while True:
         try:
-            function, arguments = pipe.recv()
-            answer = True, function(*arguments)
+            sent = pipe.recv_bytes()
         except EOFError:
             return
+        try:
+            function, arguments = pickle.loads(sent)
+            pipe.send(None)
+            answer = True, function(*arguments)
         except Exception as error:
             answer = False, error
         try:

@@ -190,11 +190,21 @@ def _how(code: int | None) -> str:
     return f"its process ended by itself (exit code {code})"
 
 
-def spread(call: Callable[..., T], tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) -> Iterator[T]:
-    """`call(*task)` for each task, in the order in which they finish; `ProcessDied` when one kills its process."""
+def spread(
+    call: Callable[..., T],
+    tasks: Sequence[tuple[Any, ...]],
+    jobs: int,
+    progress: Progress,
+    guard: Callable[..., T] = Processes.call,
+) -> Iterator[T]:
+    """`call(*task)` for each task, in the order in which they finish.
+
+    `guard(processes, call, task)` makes the call, and may give another result when its process dies; by default that
+    raises `ProcessDied`.
+    """
     begin = said = time.monotonic()
     with Processes() as processes, ThreadPoolExecutor(jobs) as pool:
-        futures = [pool.submit(processes.call, call, task) for task in tasks]
+        futures = [pool.submit(guard, processes, call, task) for task in tasks]
         try:
             for k, future in enumerate(as_completed(futures), 1):
                 yield future.result()

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
@@ -50,7 +51,7 @@ class Processes:
     def __enter__(self) -> Processes:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, value: object, trace: TracebackType | None) -> None:
         self.close()
 
     def call(self, function: Callable[..., T], arguments: tuple[Any, ...] = (), seconds: float | None = None) -> T:
@@ -157,6 +158,7 @@ def _serve(pipe: Connection, memory_bytes: int | None) -> None:
             pipe.send(None)
             answer = True, function(*arguments)
         except Exception as error:
+            error.add_note("".join(traceback.format_exception(error)))
             answer = False, error
         try:
             pipe.send(answer)

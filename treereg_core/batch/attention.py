@@ -9,7 +9,7 @@ import numpy as np
 
 from treereg_core.batch.outcome import Outcome, Word
 
-URGENCY = (Word.CRASHED, Word.MEMORY, Word.TIMEOUT, Word.UNUSABLE, Word.FAILED, Word.AMBIGUOUS, Word.WAITING)
+URGENCY = (Word.CRASHED, Word.MEMORY, Word.TIMEOUT, Word.UNUSABLE, Word.FAILED, Word.AMBIGUOUS)
 FEWEST = 10
 """Among fewer accepted orchards none is called unlike the others."""
 LIMIT = 3.5
@@ -29,10 +29,10 @@ UNUSUAL: tuple[tuple[str, int, Figure], ...] = (
 def first_to_look_at(outcomes: Sequence[Outcome]) -> list[tuple[Outcome, str]]:
     """Outcomes that want a look, the most urgent first, each with why.
 
-    First those without an accepted registration, crashes before verdicts; then accepted ones of which a figure is an
+    First those that were not accepted, crashes before verdicts; then accepted ones of which a figure is an
     outlier among the accepted, the highest expected error first.
     """
-    others = [outcome for outcome in outcomes if outcome.verdict is not Word.ACCEPTED]
+    others = [outcome for outcome in outcomes if outcome.verdict in URGENCY]
     first = [(outcome, outcome.reason) for outcome in sorted(others, key=lambda o: URGENCY.index(o.verdict))]
     accepted = [outcome for outcome in outcomes if outcome.verdict is Word.ACCEPTED]
     odd = [(outcome, "; ".join(said)) for outcome, said in zip(accepted, _said(accepted), strict=True) if said]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -64,14 +63,7 @@ class BatchFolder:
             ) from None
 
 
-def clear(folder: Path) -> None:
-    """Remove what a process that was ended left half-written in the folder of an orchard."""
-    remove_staging(folder)
-    with suppress(OSError):  # it holds results, or is not there
-        folder.rmdir()
-
-
 def remove_staging(folder: Path) -> None:
-    """Remove the staging folders in a folder."""
+    """Remove what a process that was ended left half-written in a folder."""
     for left in folder.glob(f"{STAGING}*"):
         shutil.rmtree(left, ignore_errors=True)

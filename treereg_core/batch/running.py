@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
 
-from treereg_core.batch.folder import clear
+from treereg_core.batch.folder import remove_staging
 from treereg_core.batch.order import Limits, Order
 from treereg_core.batch.outcome import Outcome, Word
 from treereg_core.batch.task import carry_out
@@ -72,19 +72,26 @@ def local(jobs: int, limits: Limits) -> Iterator[Workers]:
 
 def guarded(processes: Processes, seconds: float | None, order: Order) -> Outcome:
     """Carry out an order in another process; its death, and a time that is up, are outcomes."""
-    begin = time.monotonic()
-    word, reason, attempt = Word.CRASHED, "", 0
+    order.folder.mkdir(parents=True, exist_ok=True)  # what is half-written is in there, and found again
+    try:
+        return in_process(processes, seconds, order)
+    finally:
+        with suppress(OSError):  # it holds results
+            order.folder.rmdir()
+
+
+def in_process(processes: Processes, seconds: float | None, order: Order) -> Outcome:
+    """The same in a folder that is there."""
+    begin, word, attempt = time.monotonic(), Word.CRASHED, 0
     while attempt < ATTEMPTS and word is Word.CRASHED:
         attempt += 1
-        order.folder.mkdir(parents=True, exist_ok=True)  # what is half-written is in there, and found again
         try:
             return processes.call(carry_out, (order, attempt), seconds)
         except ProcessDied as death:
             reason = f"{death}."
         except TimeUp:
             word, reason = Word.TIMEOUT, f"it was not done after {seconds:g} s and was ended (--time-limit)."
-        finally:
-            clear(order.folder)
+        remove_staging(order.folder)
     return Outcome(order.orchard, word, reason, seconds=round(time.monotonic() - begin, 3), attempts=attempt)
 
 

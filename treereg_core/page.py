@@ -15,7 +15,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--faint); text-align: right; white-space: nowrap; }
 th:first-child, td:first-child, td:nth-child(2), th:nth-child(2) { text-align: left; }
 tr.all td { font-weight: 600; }
-td.words { text-align: left; white-space: normal; }
+td.words, th.words { text-align: left; white-space: normal; }
 a { color: inherit; }
 svg { width: 100%; max-width: 44rem; height: auto; display: block; }
 svg text { fill: var(--ink); font-size: 13px; }

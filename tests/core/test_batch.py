@@ -132,7 +132,10 @@ def test_what_to_look_at_first() -> None:
     assert [outcome.orchard for outcome, _ in found] == [
         *("crashed", "memory", "timeout", "unusable", "failed", "ambiguous", "vague", "few"),
     ]
-    assert [why for _, why in found[-2:]] == ["a high expected error; few trees matched", "few trees matched"]
+    assert [why for _, why in found[-2:]] == [
+        "a high expected error (0.200 m); few trees matched (50%)",
+        "few trees matched (60%)",
+    ]
     assert first_to_look_at(usual[:8]) == []
 
 

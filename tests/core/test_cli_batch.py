@@ -123,17 +123,25 @@ def test_interrupted_it_goes_on_where_it_was(orchards: Path, env: dict[str, str]
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
-def test_a_change_of_options_or_files_is_done_again(orchards: Path, env: dict[str, str], out: Path) -> None:
+def test_a_change_of_options_or_files_is_done_again(
+    orchards: Path, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     manifest = write_manifest(orchards, [GOOD, "101/../good/source"])
-    assert finish(batch(env, manifest, "--out", out))[0] == 0
-    assert "2 of 2 are done" in finish(batch(env, manifest, "--out", out, "--jobs", 1, "--threads", 2))[2]
-    assert "are done" not in finish(batch(env, manifest, "--out", out, "--seed", 1))[2]
+    options = ["--method", "icp", "--start", "identity", "--out", str(out), "--jobs", "1"]
+
+    def said(*more: str) -> str:
+        assert main(["batch", str(manifest), *options, *more]) == 0
+        return capsys.readouterr().err
+
+    assert "are done already" not in said()
+    assert "2 of 2 are done already" in said("--threads", "2", "--time-limit", "60")
+    assert "are done already" not in said("--seed", "1")
     (out / "o1" / "tree_matches.geojson").unlink()
-    assert "1 of 2 are done" in finish(batch(env, manifest, "--out", out, "--seed", 1))[2]
+    assert "1 of 2 are done already" in said("--seed", "1")
     assert (out / "o1" / "tree_matches.geojson").exists()
     os.utime(orchards / GOOD / "raw-detections.geojson")
-    assert "are done" not in finish(batch(env, manifest, "--out", out, "--seed", 1))[2]
-    assert "are done" not in finish(batch(env, manifest, "--out", out, "--seed", 1, "--overwrite"))[2]
+    assert "are done already" not in said("--seed", "1")
+    assert "are done already" not in said("--seed", "1", "--overwrite")
 
 
 def test_a_worker_that_is_killed_is_replaced(orchards: Path, env: dict[str, str], out: Path, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -17,11 +16,11 @@ LIMIT = 3.5
 
 Figure = Callable[[Outcome], float | None]
 UNUSUAL: tuple[tuple[str, int, Figure], ...] = (
-    ("a high expected error", 1, lambda o: math.log(o.expected_error) if o.expected_error else None),
-    ("few trees matched", -1, lambda o: o.share),
-    ("matched trees far apart", 1, lambda o: o.residual_rms),
-    ("moved far", 1, lambda o: o.shift),
-    ("turned far", 1, lambda o: None if o.rotation_deg is None else abs(o.rotation_deg)),
+    ("a high expected error ({:.3f} m)", 1, lambda o: o.expected_error),
+    ("few trees matched ({:.0%})", -1, lambda o: o.share),
+    ("matched trees far apart ({:.2f} m)", 1, lambda o: o.residual_rms),
+    ("moved far ({:.2f} m)", 1, lambda o: o.shift),
+    ("turned far ({:.2f}°)", 1, lambda o: None if o.rotation_deg is None else abs(o.rotation_deg)),
 )
 """What is said of an outlier, on which side it lies, and the figure."""
 
@@ -51,5 +50,5 @@ def _said(accepted: Sequence[Outcome]) -> list[list[str]]:
         deviation = np.median(np.abs(known - middle))
         if deviation > 0:
             for k in np.flatnonzero(0.6745 * side * (values - middle) / deviation > LIMIT):
-                said[k].append(words)
+                said[k].append(words.format(values[k]))
     return said

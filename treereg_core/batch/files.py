@@ -24,7 +24,7 @@ COLUMNS = (*(field.name for field in fields(Outcome)), "reference", "source")
 REPORT = "report.html"
 HEADER = (
     *("orchard", "verdict", "expected error", "failure probability", "matched", "apart", "moved", "turned"),
-    *("seconds", "attempts"),
+    "seconds",
 )
 
 
@@ -67,8 +67,8 @@ def page(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> str:
         [
             f"<p>{escape(counted(outcomes))}.</p>",
             "<h2>To look at first</h2>",
-            f'<div class="wide"><table><thead><tr>{cells(("orchard", "verdict", "why"), "th")}</tr></thead>'
-            f"<tbody>{looks}</tbody></table></div>"
+            f'<div class="wide"><table><thead><tr>{cells(("orchard", "verdict"), "th")}<th class="words">why</th>'
+            f"</tr></thead><tbody>{looks}</tbody></table></div>"
             if first
             else "<p>All were accepted, and none is unlike the others.</p>",
             "<h2>All orchards</h2>",
@@ -107,5 +107,4 @@ def figures(outcome: Outcome) -> tuple[str, ...]:
         told(outcome.shift, ".2f", " m"),
         told(outcome.rotation_deg, "+z.2f", "°"),
         told(outcome.seconds, ".1f"),
-        told(outcome.attempts, "d"),
     )

@@ -45,6 +45,10 @@ results *arguments:
 rows *arguments:
     uv run python -m benchmarks.rows {{ arguments }}
 
+# Orchards per second on one core, on several and on a Dask cluster: `just batch --orchards 100`
+batch *arguments:
+    uv run python -m benchmarks.batch {{ arguments }}
+
 # Trees through a series of surveys against the truth: `just series --seeds 20`
 series *arguments:
     uv run python -m benchmarks.series {{ arguments }}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 import rasterio
 
+from tests.core.batches import LEAVE, environment, make_orchards
 from treereg_core import io
 from treereg_core.cli import main
 from treereg_core.simulate import Scene, simulate, write_simulation
@@ -164,6 +167,26 @@ def test_checkpoints(orchard: Path, degrees: bool, capsys: Output) -> None:
     # the points are half a metre off, and the registration some centimetres
     assert figures["checkpoints.rmse_m"] == pytest.approx(0.5, abs=0.1)
     assert figures["checkpoints.ce90_m"] == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_method_that_kills_its_process_loses_its_own_trials_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_orchards(tmp_path)
+    for name, value in environment(tmp_path).items():
+        monkeypatch.setenv(name, value)
+    command = [sys.executable, "-c", "import sys; from treereg_core.cli import main; sys.exit(main())", "evaluate"]
+    surveys = [tmp_path / "good" / "reference", tmp_path / str(LEAVE)]
+    options = ["--method", "troubled", "--method", "icp", "--trials", "1", "--jobs", "1", "--out", "out"]
+    done = subprocess.run([*command, *map(str, [*surveys, *options])], capture_output=True, text=True, check=True)
+    assert "exit code 3" in done.stderr
+    assert "Traceback" not in done.stderr
+    trials = rows(Path("out/trials.csv"))
+    assert [(trial["method"], trial["verdict"] == "crashed") for trial in trials] == [
+        *(("icp", False), ("troubled", True)),
+    ]
+    assert trials[0]["residuals.rms_m"] != "nan"
+    assert [result["crashed"] for result in read(Path("out/evaluation.json"))["results"]] == [1, 0]
 
 
 def test_what_cannot_be_done_is_refused(orchard: Path, capsys: Output) -> None:

@@ -11,7 +11,13 @@ HOME = Path(__file__).parent
 
 def entry_points(folder: Path) -> list[metadata.EntryPoint]:
     """Write the distribution's metadata into a folder and read it back; the plugin is on the path (conftest.py)."""
-    project = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]
+    install(HOME, folder)
+    return [point for found in metadata.distributions(path=[str(folder)]) for point in found.entry_points]
+
+
+def install(home: Path, folder: Path) -> None:
+    """Write the metadata of the distribution whose pyproject.toml is in `home` into a folder."""
+    project = tomllib.loads((home / "pyproject.toml").read_text())["project"]
     info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
@@ -20,4 +26,3 @@ def entry_points(folder: Path) -> list[metadata.EntryPoint]:
         for group, points in project["entry-points"].items()
     )
     (info / "entry_points.txt").write_text("\n".join(lines))
-    return [point for found in metadata.distributions(path=[str(folder)]) for point in found.entry_points]

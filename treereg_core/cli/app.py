@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from treereg_core.cli.apply import apply
+from treereg_core.cli.batch import batch
 from treereg_core.cli.check import check
 from treereg_core.cli.console import console
 from treereg_core.cli.evaluate import evaluate
@@ -61,6 +62,7 @@ for _command, _words in (
     (check, "Run the contract's laws on a method or a plugin."),
     (rows, "Find and number the planting rows of one survey."),
     (series, "Register surveys of one orchard over time, and follow every tree."),
+    (batch, "Register many orchards, on this machine or on a Dask cluster."),
     (evaluate, "Compare methods on the same trials with known misplacements."),
     (misregister, "Copy a survey folder, turned and shifted by a known transform."),
     (simulate, "Make two survey folders whose truth is known."),

@@ -70,7 +70,7 @@ class Console:
             self._draw(what, text, done / total if total else 1.0)
         elif done and (done == total or now - self._told_at >= EVERY_S):
             self._told_at = now
-            self.progress(f"{text}, {(now - self._begun_at) / done * (total - done):.0f} s left")
+            self.progress(f"{text}, {in_words((now - self._begun_at) / done * (total - done))} left")
         if done == total:
             self.end_bar()
 
@@ -109,6 +109,13 @@ class Console:
         """The result for people, on stdout."""
         self.end_bar()
         print(text)
+
+
+def in_words(seconds: float) -> str:
+    """A time that is still to come, in the unit that a person would use."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
 def interactive(stream: IO[str]) -> bool:

@@ -34,6 +34,10 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "treereg evaluate 2024 2025 --method icp --method aco+icp --trials 20",
         "treereg evaluate --family small_150 --trials 10 --out small",
     ),
+    "batch": (
+        "treereg batch orchards.csv --out orchards",
+        "treereg batch orchards.csv --out orchards --scheduler tcp://10.0.0.5:8786",
+    ),
     "misregister": (
         "treereg misregister 2025 --out moved --seed 7",
         "treereg misregister 2025 --out turned --rotation 1.5 --translation -3 2",

@@ -63,6 +63,7 @@ Set = Annotated[
 ]
 Seed = Annotated[int, typer.Option(metavar="N", help="Everything random derives from it.")]
 Threads = Annotated[int | None, typer.Option(metavar="N", help="At most this many; default: all processors.")]
+Force = Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")]
 ConfidenceProperty = Annotated[str, typer.Option(metavar="NAME", help="The property that holds the confidence.")]
 Rasters = Annotated[
     str,

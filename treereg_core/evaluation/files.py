@@ -13,6 +13,7 @@ from treereg_core.evaluation.page import page
 from treereg_core.evaluation.running import Study
 from treereg_core.evaluation.summary import Line, summed_up
 from treereg_core.evaluation.trial import Trial
+from treereg_core.io.output import check_apart
 
 SCHEMA = "treereg/evaluation/1"
 TRIALS, SUMMARY, PAGE = FILES = ("trials.csv", "evaluation.json", "evaluation.html")
@@ -26,10 +27,7 @@ def open_folder(folder: Path, inputs: Sequence[Path], overwrite: bool) -> Path:
     begun anew, and other files in the folder stay. `UsageError` for another folder, `InputError` for one that cannot
     be written.
     """
-    target = folder.resolve()
-    for given in inputs:
-        if target == given.resolve() or target in given.resolve().parents:
-            raise UsageError(f"--out {folder} is or contains the input folder {given}; choose another folder.")
+    check_apart(folder, inputs)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         foreign = next((entry.name for entry in sorted(folder.iterdir()) if entry.name not in FILES), None)

@@ -8,25 +8,8 @@ from html import escape
 from treereg_core.evaluation import plots
 from treereg_core.evaluation.summary import ALL, Line, Share
 from treereg_core.evaluation.trial import Trial
+from treereg_core.page import cells, document
 
-STYLE = """
-:root { color-scheme: light dark; --ink: #1c1c1c; --faint: #d5d5d5; --ground: #fff; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e8e8e8; --faint: #444; --ground: #161616; } }
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--ground);
-  max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.9rem; }
-th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--faint); text-align: right; white-space: nowrap; }
-th:first-child, td:first-child, td:nth-child(2), th:nth-child(2) { text-align: left; }
-tr.all td { font-weight: 600; }
-svg { width: 100%; max-width: 44rem; height: auto; display: block; }
-svg text { fill: var(--ink); font-size: 13px; }
-svg .grid { stroke: var(--faint); }
-ul.key { list-style: none; padding: 0; display: flex; flex-wrap: wrap; gap: 0.2rem 1.2rem; }
-ul.key svg { width: 2.2rem; display: inline-block; vertical-align: middle; margin-right: 0.4rem; }
-small { color: inherit; opacity: 0.75; }
-@media print { body { max-width: none; } }
-"""
 LEGEND = (
     "In brackets 95 % intervals: Wilson for shares, bootstrap for errors. Right: an error below 0.5 m, or 1.25 times "
     "that of the fit with the true pairs where these are known. Silent: accepted though wrong, with the 95 % "
@@ -50,7 +33,6 @@ def page(title: str, notes: Sequence[str], trials: Sequence[Trial], lines: Seque
     truth = [(name, [t for t in some if t.misplaced == t.misplaced]) for name, some in by_label.items()]
     key = "".join(key_entry(name, k) for k, name in enumerate(by_label))
     parts = [
-        f"<h1>{escape(title)}</h1>",
         *(f"<p>{escape(note)}</p>" for note in notes),
         f'<div class="wide"><table><thead><tr>{cells(HEADER, "th")}</tr></thead>',
         f"<tbody>{''.join(map(row, lines))}</tbody></table></div>",
@@ -63,11 +45,7 @@ def page(title: str, notes: Sequence[str], trials: Sequence[Trial], lines: Seque
         "<h2>Milestones</h2>",
         plots.milestones([(label(line), list(line.milestones.items())) for line in whole]),
     ]
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
-    )
+    return document(title, parts)
 
 
 def label(of: Trial | Line) -> str:
@@ -94,11 +72,6 @@ def row(line: Line) -> str:
         f"{line.seconds:.2f}" if line.seconds is not None else "-",
     )
     return f"<tr{' class=all' if line.name == ALL else ''}>{cells(values, 'td')}</tr>"
-
-
-def cells(values: Sequence[str], tag: str) -> str:
-    """Cells of a table."""
-    return "".join(f"<{tag}>{escape(value)}</{tag}>" for value in values)
 
 
 def in_words(share: Share) -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.log import Log
-from treereg_core.evaluation.trial import CRASHED, Trial, run_trial
+from treereg_core.evaluation.trial import CRASHED, Trial, died, run_trial
 from treereg_core.options import Options
-from treereg_core.processes import Progress, spread
+from treereg_core.processes import ProcessDied, Processes, Progress, spread
 
 
 @dataclass(frozen=True)
@@ -42,10 +44,14 @@ def run_all(study: Study, out: Path | None, jobs: int, progress: Progress) -> li
         left = [o for o in study.setups if (o.method, o.start, name, seed) not in done]
         if left:
             tasks.append((study.source, name, seed, left))
-    for found in spread(run_case, tasks, jobs, progress):
+    for found in spread(run_case, tasks, jobs, progress, outliving):
         trials += found
-        if log:
-            log.append(found)
+        kept = [trial for trial in found if trial.verdict != CRASHED]
+        if log and kept:
+            log.append(kept)
+    crashed = [trial for trial in trials if trial.verdict == CRASHED]
+    if log and crashed:  # last, for the first one of a log says which figures there are
+        log.append(crashed)
     return in_order(trials, study)
 
 
@@ -53,6 +59,19 @@ def run_case(source: Source, name: str, seed: int, setups: Sequence[Options]) ->
     """All setups on one case."""
     case = source.case(name, seed)
     return [run_trial(options, case) for options in setups]
+
+
+def outliving(processes: Processes, call: Callable[..., list[Trial]], task: tuple[Any, ...]) -> list[Trial]:
+    """All setups on one case; each by itself once they killed their process, so that the others are not lost."""
+    *case, setups = task
+    try:
+        return processes.call(call, task)
+    except ProcessDied as death:
+        if len(setups) > 1:
+            return [trial for options in setups for trial in outliving(processes, call, (*case, [options]))]
+        _, name, seed = case
+        print(f"{name} seed {seed}: {death}", file=sys.stderr, flush=True)
+        return [died(setups[0], name, seed)]
 
 
 def in_order(trials: Sequence[Trial], study: Study) -> list[Trial]:

@@ -127,6 +127,22 @@ def run_trial(options: Options, case: Case) -> Trial:
     )
 
 
+def died(options: Options, name: str, seed: int) -> Trial:
+    """The trial of a method that took its process along, so that nothing is known of the case."""
+    return Trial(
+        method=options.method,
+        start=options.start,
+        setup=setup(options),
+        name=name,
+        seed=seed,
+        trees=0,
+        rotation_deg=NONE,
+        translation_m=NONE,
+        misplaced=NONE,
+        verdict=CRASHED,
+    )
+
+
 def plan_of(options: Options) -> Plan:
     """The plan of these options with one thread, made once in a process."""
     return _plan(options.model_dump_json())

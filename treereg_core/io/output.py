@@ -82,10 +82,7 @@ class OutputFolder:
         target = self.path.resolve()
         if target.exists() and not target.is_dir():
             raise UsageError(f"{self.path} is a file, not a folder; choose another folder.")
-        for given in self._inputs:
-            folder = given.resolve()
-            if folder.is_dir() and (folder == target or target in folder.parents):
-                raise UsageError(f"--out {self.path} is or contains the input folder {given}; choose another folder.")
+        check_apart(self.path, self._inputs)
         if self._overwrite:
             return
         earlier = self._earlier()
@@ -125,6 +122,15 @@ class OutputFolder:
 
     def _unwritable(self, error: OSError) -> InputError:
         return InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.")
+
+
+def check_apart(path: Path, inputs: Iterable[Path]) -> None:
+    """Raise `UsageError` when a folder to write into is an input folder, or contains one."""
+    target = path.resolve()
+    for given in inputs:
+        folder = given.resolve()
+        if folder.is_dir() and (folder == target or target in folder.parents):
+            raise UsageError(f"--out {path} is or contains the input folder {given}; choose another folder.")
 
 
 def _files(folder: Path) -> Iterable[Path]:

@@ -1,0 +1,69 @@
+"""The folder of a batch: held by one batch at a time, with a folder in it for each orchard."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+
+from treereg_core.errors import InputError, UsageError
+from treereg_core.io.files import reason
+from treereg_core.io.output import STAGING, check_apart
+
+LOCK = ".treereg-batch"
+
+
+class BatchFolder:
+    """The folder of a batch, for use in a `with` statement, made where there is none.
+
+    It may be new or empty, or hold an earlier batch, which goes on; with `overwrite` any other too. Entering raises
+    `UsageError` for a folder that must not be written into, is or contains one of `inputs`, or in which another batch
+    is at work, `InputError` for one that cannot be written. The lock goes with the process that holds it.
+    """
+
+    def __init__(self, path: Path, inputs: Iterable[Path], overwrite: bool = False) -> None:
+        self.path = path
+        self._inputs = inputs
+        self._overwrite = overwrite
+        self._lock = -1
+
+    def __enter__(self) -> Path:
+        check_apart(self.path, self._inputs)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            foreign = next((entry.name for entry in sorted(self.path.iterdir())), None)
+            if foreign and not self._overwrite and not (self.path / LOCK).exists():
+                raise UsageError(
+                    f"{self.path} is in use, it holds {foreign}; choose another folder, or give --overwrite."
+                )
+            self._lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+            self._hold()
+            for left in [self.path, *self.path.iterdir()]:
+                remove_staging(left)
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.") from error
+        return self.path
+
+    def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
+        os.close(self._lock)
+
+    def _hold(self) -> None:
+        try:
+            import fcntl
+        except ImportError:  # a system without such locks
+            return
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(self._lock)
+            raise UsageError(
+                f"another batch is at work in {self.path}; wait until it is done, or choose another folder."
+            ) from None
+
+
+def remove_staging(folder: Path) -> None:
+    """Remove what a process that was ended left half-written in a folder."""
+    for left in folder.glob(f"{STAGING}*"):
+        shutil.rmtree(left, ignore_errors=True)

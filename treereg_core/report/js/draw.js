@@ -1,0 +1,230 @@
+// Drawing on the canvas. A view has `scale` (pixels to the metre), `left`, `top` (where the origin lies), `width`,
+// `height`.
+
+const BATCH = 48; // canopies filled as one path: one huge path is slow, one path for each is too
+const SMALL = 2.2; // pixels; crowns of a smaller radius are drawn as squares
+const MARK = 5;
+
+function screenFrom(view) {
+  return { a: view.scale, b: 0, c: 0, d: -view.scale, e: view.left, f: view.top };
+}
+
+// The trees of a survey that can be seen, by colour.
+function visibleByColour(view, survey, toScreen, colourOf) {
+  const groups = new Map();
+  const margin = 12 * view.scale + MARK;
+  for (let i = 0; i < survey.size; i++) {
+    const sx = toScreen.a * survey.x[i] + toScreen.c * survey.y[i] + toScreen.e;
+    const sy = toScreen.b * survey.x[i] + toScreen.d * survey.y[i] + toScreen.f;
+    if (sx < -margin || sy < -margin || sx > view.width + margin || sy > view.height + margin) continue;
+    const colour = colourOf(survey, i);
+    const group = groups.get(colour);
+    if (group) group.push(i);
+    else groups.set(colour, [i]);
+  }
+  return groups;
+}
+
+function drawCrowns(ctx, view, survey, transform, look) {
+  const toScreen = compose(screenFrom(view), transform);
+  const usual = d3.median(survey.radius) * view.scale;
+  for (const [colour, trees] of visibleByColour(view, survey, toScreen, look.colourOf)) {
+    ctx.fillStyle = ctx.strokeStyle = colour;
+    if (usual < SMALL) drawSquares(ctx, survey, trees, toScreen, view.scale);
+    else drawOutlines(ctx, survey, trees, toScreen, view.scale, look);
+  }
+  ctx.globalAlpha = 1;
+}
+
+function drawSquares(ctx, survey, trees, t, scale) {
+  ctx.globalAlpha = 0.75;
+  for (const i of trees) {
+    const r = Math.max(survey.radius[i] * scale * 0.89, 0.7);
+    const sx = t.a * survey.x[i] + t.c * survey.y[i] + t.e;
+    const sy = t.b * survey.x[i] + t.d * survey.y[i] + t.f;
+    ctx.fillRect(sx - r, sy - r, 2 * r, 2 * r);
+  }
+}
+
+function drawOutlines(ctx, survey, trees, toScreen, scale, look) {
+  ctx.lineWidth = look.lineWidth;
+  for (let begin = 0; begin < trees.length; begin += BATCH) {
+    ctx.beginPath();
+    for (const i of trees.slice(begin, begin + BATCH)) addCrown(ctx, survey, i, toScreen, scale);
+    if (look.fill > 0) {
+      ctx.globalAlpha = look.fill;
+      ctx.fill("evenodd");
+    }
+    ctx.globalAlpha = 0.95;
+    if (look.lineWidth > 0) ctx.stroke();
+  }
+}
+
+function addCrown(ctx, survey, i, t, scale) {
+  const outline = survey.outline;
+  if (!outline) {
+    const [sx, sy] = moved(t, survey.x[i], survey.y[i]);
+    const r = survey.radius[i] * scale;
+    ctx.moveTo(sx + r, sy);
+    ctx.arc(sx, sy, r, 0, 2 * Math.PI);
+    return;
+  }
+  const { start, first, xy } = outline;
+  for (let ring = first[i]; ring < first[i + 1]; ring++) {
+    for (let k = start[ring]; k < start[ring + 1]; k++) {
+      const x = xy[2 * k];
+      const y = xy[2 * k + 1];
+      const sx = t.a * x + t.c * y + t.e;
+      const sy = t.b * x + t.d * y + t.f;
+      if (k === start[ring]) ctx.moveTo(sx, sy);
+      else ctx.lineTo(sx, sy);
+    }
+    ctx.closePath();
+  }
+}
+
+function drawLines(ctx, view, lines, colour, width) {
+  const t = screenFrom(view);
+  ctx.strokeStyle = colour;
+  ctx.lineWidth = width;
+  ctx.beginPath();
+  for (const line of lines) {
+    line.forEach(([x, y], k) => {
+      const [sx, sy] = moved(t, x, y);
+      if (k) ctx.lineTo(sx, sy);
+      else ctx.moveTo(sx, sy);
+    });
+  }
+  ctx.stroke();
+}
+
+function drawRows(ctx, view, model, transform) {
+  const line = (survey, trees, t) => trees.map((i) => moved(t, survey.x[i], survey.y[i]));
+  model.rows.reference.forEach((trees, row) => {
+    const colour = ROW_COLOURS[row % ROW_COLOURS.length];
+    drawLines(ctx, view, [line(model.reference, trees, IDENTITY)], colour, 2);
+  });
+  ctx.setLineDash([5, 4]);
+  model.rows.source.forEach((trees, row) => {
+    const partner = model.rows.partner[row];
+    const colour = partner < 0 ? WONG.grey : ROW_COLOURS[partner % ROW_COLOURS.length];
+    drawLines(ctx, view, [line(model.source, trees, transform)], colour, 1.5);
+  });
+  ctx.setLineDash([]);
+}
+
+// Crosses for trees that the other survey lacks, plus signs for new ones, diamonds for gaps.
+function drawMarks(ctx, view, points, shape, colour, paper) {
+  const t = screenFrom(view);
+  const r = Math.max(2.5, Math.min(MARK, 0.9 * view.scale));
+  for (const [width, stroke] of [[4, paper], [2, colour]]) {
+    ctx.lineWidth = width;
+    ctx.strokeStyle = stroke;
+    ctx.beginPath();
+    for (const [x, y] of points) {
+      const [sx, sy] = moved(t, x, y);
+      if (sx < -r || sy < -r || sx > view.width + r || sy > view.height + r) continue;
+      for (const stroke of MARKS[shape]) {
+        stroke.forEach(([dx, dy], k) => ctx[k ? "lineTo" : "moveTo"](sx + r * dx, sy + r * dy));
+      }
+    }
+    ctx.stroke();
+  }
+}
+
+const MARKS = {
+  cross: [[[-1, -1], [1, 1]], [[-1, 1], [1, -1]]],
+  plus: [[[-1.2, 0], [1.2, 0]], [[0, -1.2], [0, 1.2]]],
+  diamond: [[[0, -1.4], [1.4, 0], [0, 1.4], [-1.4, 0], [0, -1.4]]],
+};
+
+function alone(model, placement, role, transform) {
+  const survey = model.surveys[role];
+  const points = [];
+  placement[role].forEach((partner, i) => {
+    if (partner === ALONE) points.push(moved(transform, survey.x[i], survey.y[i]));
+  });
+  return points;
+}
+
+function drawImage(ctx, view, picture, survey, transform) {
+  const t = compose(screenFrom(view), compose(transform, affine(survey.image.matrix)));
+  ctx.save();
+  ctx.transform(t.a, t.b, t.c, t.d, t.e, t.f);
+  ctx.imageSmoothingEnabled = true;
+  ctx.drawImage(picture, 0, 0, survey.image.width, survey.image.height);
+  ctx.restore();
+}
+
+// A quantity smoothed over the field: a weighted mean on a grid of cells as wide as trees stand apart.
+function heatMap(model, quantity, transform, cell) {
+  const points = [];
+  for (const survey of [model.reference, model.source]) {
+    const values = survey.quantities[quantity];
+    const t = survey.role === "source" ? transform : IDENTITY;
+    if (values) for (let i = 0; i < survey.size; i++) points.push([...moved(t, survey.x[i], survey.y[i]), values[i]]);
+  }
+  const [left, right] = d3.extent(points, (point) => point[0]);
+  const [bottom, top] = d3.extent(points, (point) => point[1]);
+  const columns = Math.ceil((right - left) / cell) + 5;
+  const rows = Math.ceil((top - bottom) / cell) + 5;
+  const sum = new Float64Array(columns * rows);
+  const weight = new Float64Array(columns * rows);
+  for (const [x, y, value] of points) {
+    const column = (x - left) / cell + 2;
+    const row = (top - y) / cell + 2;
+    for (let r = Math.floor(row) - 1; r <= Math.floor(row) + 2; r++) {
+      for (let c = Math.floor(column) - 1; c <= Math.floor(column) + 2; c++) {
+        const w = Math.exp(-((r - row) ** 2 + (c - column) ** 2) / 1.2);
+        sum[r * columns + c] += w * value;
+        weight[r * columns + c] += w;
+      }
+    }
+  }
+  const scale = d3.scaleSequential(rangeOf(model, quantity), d3.interpolateCividis).clamp(true);
+  const canvas = Object.assign(document.createElement("canvas"), { width: columns, height: rows });
+  const pixels = new ImageData(columns, rows);
+  for (let k = 0; k < sum.length; k++) {
+    if (weight[k] < 0.05) continue;
+    const { r, g, b } = d3.rgb(scale(sum[k] / weight[k]));
+    pixels.data.set([r, g, b, 255 * Math.min(1, weight[k])], 4 * k);
+  }
+  canvas.getContext("2d").putImageData(pixels, 0, 0);
+  return { canvas, cell, left: left - 2.5 * cell, top: top + 2.5 * cell, quantity };
+}
+
+function drawHeat(ctx, view, heat) {
+  const [x, y] = moved(screenFrom(view), heat.left, heat.top);
+  const size = heat.cell * view.scale;
+  ctx.globalAlpha = 0.8;
+  ctx.imageSmoothingEnabled = true;
+  ctx.drawImage(heat.canvas, x, y, heat.canvas.width * size, heat.canvas.height * size);
+  ctx.globalAlpha = 1;
+}
+
+// A bar of a round length, for the map or, magnified, for residuals.
+function drawScale(ctx, view, text, metres, lift, ink, paper) {
+  const length = metres * view.scale;
+  const x = 14;
+  const y = view.height - 14 - lift;
+  ctx.font = "12px system-ui, sans-serif";
+  ctx.lineJoin = "round";
+  for (const [width, colour] of [[5, paper], [2, ink]]) {
+    ctx.lineWidth = width;
+    ctx.strokeStyle = colour;
+    ctx.beginPath();
+    ctx.moveTo(x, y - 4);
+    ctx.lineTo(x, y);
+    ctx.lineTo(x + length, y);
+    ctx.lineTo(x + length, y - 4);
+    ctx.stroke();
+    if (colour === paper) ctx.strokeText(text, x + length + 8, y);
+  }
+  ctx.fillStyle = ink;
+  ctx.fillText(text, x + length + 8, y);
+}
+
+function roundLength(metres) {
+  const power = 10 ** Math.floor(Math.log10(metres));
+  return [5, 2, 1].map((step) => step * power).find((length) => length <= metres) ?? power;
+}

@@ -12,7 +12,7 @@ from treereg_core.io import Preview
 from treereg_core.report.canopies import canopies
 from treereg_core.report.placements import placements
 from treereg_core.report.rows import rows_json
-from treereg_core.report.words import headline, sentence
+from treereg_core.report.words import chance, headline, sentence
 from treereg_core.result import Result, trees
 from treereg_core.survey import Survey
 
@@ -38,6 +38,7 @@ def report_data(
         "schema": SCHEMA,
         "headline": headline(result.judgement),
         "sentence": sentence(result.judgement),
+        "chance_wrong": chance(result.judgement.failure_probability),
         "registration": {name: value for name, value in registration.items() if name != TIMINGS},
         TIMINGS: registration[TIMINGS],
         "warnings": list(warnings),

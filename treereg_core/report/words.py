@@ -26,8 +26,8 @@ def sentence(judgement: Judgement) -> str:
     error = distance(judgement.expected_error.rms)
     if judgement.verdict is Verdict.ACCEPTED:
         return (
-            f"The new survey now lies on the old one tree on tree: expect each tree within about {error} of where it "
-            f"belongs, and a chance of {chance(judgement.failure_probability)} that all of it is a tree or a row off."
+            f"The surveys now lie on each other tree on tree: expect each tree within about {error} of where it belongs. "
+            f"The chance that they lie a whole tree or row off is {chance(judgement.failure_probability)}."
         )
     return (
         "The trees do not tell which of several places is the right one (the chance that this one is wrong is "

@@ -62,7 +62,7 @@ function colouring(model, mode, placement, shown) {
   if (mode !== "survey") return ramp(model, mode);
   return {
     of: (survey) => (survey.role === "reference" ? shown.reference : SOURCE),
-    legend: entries([[`${model.reference.name} (reference)`, shown.reference], [`${model.source.name} (source)`, SOURCE]]),
+    legend: entries([[model.reference.fullName, shown.reference], [model.source.fullName, SOURCE]]),
   };
 }
 

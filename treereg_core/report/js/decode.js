@@ -6,12 +6,14 @@ function decodeSurvey(raw, role, path) {
   const size = raw.x.length;
   const x = Float64Array.from(raw.x, (value) => value / 100);
   const y = Float64Array.from(raw.y, (value) => value / 100);
+  const radius = Float64Array.from(raw.area_m2, (area) => Math.sqrt(area / Math.PI));
   const parts = String(path ?? "").split(/[\\/]/).filter(Boolean);
+  const name = parts.at(-1) ?? role;
   return {
-    role, size, x, y,
-    name: parts.at(-1) ?? role,
+    role, size, x, y, name,
+    fullName: name === role ? name : `${name} (${role})`,
     id: raw.id,
-    radius: Float64Array.from(raw.area_m2, (area) => Math.sqrt(area / Math.PI)),
+    radius, usualRadius: d3.median(radius) ?? 1,
     quantities: { confidence: raw.confidence, area_m2: raw.area_m2, ...raw.attributes },
     outline: raw.outline && decodeOutline(raw.outline, x, y),
     image: raw.image,

@@ -1,9 +1,17 @@
 // Drawing on the canvas. A view has `scale` (pixels to the metre), `left`, `top` (where the origin lies), `width`,
 // `height`.
 
+// What takes long is a generator that yields between batches.
+
 const BATCH = 48; // canopies filled as one path: one huge path is slow, one path for each is too
-const SMALL = 2.2; // pixels; crowns of a smaller radius are drawn as squares
+const SQUARES = 2.2; // pixels: crowns of a smaller radius are drawn as squares,
+const STROKED = 4; // and those of a larger one have an edge
+const LINES = 400;
 const MARK = 5;
+
+function finish(steps) {
+  while (!steps.next().done);
+}
 
 function screenFrom(view) {
   return { a: view.scale, b: 0, c: 0, d: -view.scale, e: view.left, f: view.top };
@@ -25,18 +33,23 @@ function visibleByColour(view, survey, toScreen, colourOf) {
   return groups;
 }
 
-function drawCrowns(ctx, view, survey, transform, look) {
+function* drawCrowns(ctx, view, survey, transform, look) {
   const toScreen = compose(screenFrom(view), transform);
-  const usual = d3.median(survey.radius) * view.scale;
+  const usual = survey.usualRadius * view.scale;
+  const drawBatch = usual < SQUARES ? drawSquares : drawOutlines;
+  const fill = usual < STROKED ? Math.max(look.fill, 0.6) : look.fill;
+  const lineWidth = usual < STROKED && look.fill ? 0 : look.lineWidth;
   for (const [colour, trees] of visibleByColour(view, survey, toScreen, look.colourOf)) {
-    ctx.fillStyle = ctx.strokeStyle = colour;
-    if (usual < SMALL) drawSquares(ctx, survey, trees, toScreen, view.scale);
-    else drawOutlines(ctx, survey, trees, toScreen, view.scale, look);
+    for (let begin = 0; begin < trees.length; begin += BATCH) {
+      ctx.fillStyle = ctx.strokeStyle = colour;
+      drawBatch(ctx, survey, trees.slice(begin, begin + BATCH), toScreen, { scale: view.scale, fill, lineWidth });
+      yield;
+    }
   }
   ctx.globalAlpha = 1;
 }
 
-function drawSquares(ctx, survey, trees, t, scale) {
+function drawSquares(ctx, survey, trees, t, { scale }) {
   ctx.globalAlpha = 0.75;
   for (const i of trees) {
     const r = Math.max(survey.radius[i] * scale * 0.89, 0.7);
@@ -46,18 +59,16 @@ function drawSquares(ctx, survey, trees, t, scale) {
   }
 }
 
-function drawOutlines(ctx, survey, trees, toScreen, scale, look) {
-  ctx.lineWidth = look.lineWidth;
-  for (let begin = 0; begin < trees.length; begin += BATCH) {
-    ctx.beginPath();
-    for (const i of trees.slice(begin, begin + BATCH)) addCrown(ctx, survey, i, toScreen, scale);
-    if (look.fill > 0) {
-      ctx.globalAlpha = look.fill;
-      ctx.fill("evenodd");
-    }
-    ctx.globalAlpha = 0.95;
-    if (look.lineWidth > 0) ctx.stroke();
+function drawOutlines(ctx, survey, trees, t, { scale, fill, lineWidth }) {
+  ctx.beginPath();
+  for (const i of trees) addCrown(ctx, survey, i, t, scale);
+  if (fill > 0) {
+    ctx.globalAlpha = fill;
+    ctx.fill("evenodd");
   }
+  ctx.globalAlpha = 0.95;
+  ctx.lineWidth = lineWidth;
+  if (lineWidth > 0) ctx.stroke();
 }
 
 function addCrown(ctx, survey, i, t, scale) {
@@ -83,52 +94,55 @@ function addCrown(ctx, survey, i, t, scale) {
   }
 }
 
-function drawLines(ctx, view, lines, colour, width) {
+function* drawLines(ctx, view, lines, colour, width) {
   const t = screenFrom(view);
-  ctx.strokeStyle = colour;
-  ctx.lineWidth = width;
-  ctx.beginPath();
-  for (const line of lines) {
-    line.forEach(([x, y], k) => {
-      const [sx, sy] = moved(t, x, y);
-      if (k) ctx.lineTo(sx, sy);
-      else ctx.moveTo(sx, sy);
-    });
+  for (let begin = 0; begin < lines.length; begin += LINES) {
+    ctx.strokeStyle = colour;
+    ctx.lineWidth = width;
+    ctx.beginPath();
+    for (const line of lines.slice(begin, begin + LINES)) {
+      line.forEach(([x, y], k) => ctx[k ? "lineTo" : "moveTo"](...moved(t, x, y)));
+    }
+    ctx.stroke();
+    yield;
   }
-  ctx.stroke();
 }
 
 function drawRows(ctx, view, model, transform) {
   const line = (survey, trees, t) => trees.map((i) => moved(t, survey.x[i], survey.y[i]));
   model.rows.reference.forEach((trees, row) => {
     const colour = ROW_COLOURS[row % ROW_COLOURS.length];
-    drawLines(ctx, view, [line(model.reference, trees, IDENTITY)], colour, 2);
+    finish(drawLines(ctx, view, [line(model.reference, trees, IDENTITY)], colour, 2));
   });
   ctx.setLineDash([5, 4]);
   model.rows.source.forEach((trees, row) => {
     const partner = model.rows.partner[row];
     const colour = partner < 0 ? WONG.grey : ROW_COLOURS[partner % ROW_COLOURS.length];
-    drawLines(ctx, view, [line(model.source, trees, transform)], colour, 1.5);
+    finish(drawLines(ctx, view, [line(model.source, trees, transform)], colour, 1.5));
   });
   ctx.setLineDash([]);
 }
 
-// Crosses for trees that the other survey lacks, plus signs for new ones, diamonds for gaps.
-function drawMarks(ctx, view, points, shape, colour, paper) {
+// Crosses for trees that the other survey lacks, plus signs for new ones, diamonds for gaps; small from afar.
+function* drawMarks(ctx, view, points, shape, colour, paper) {
   const t = screenFrom(view);
-  const r = Math.max(2.5, Math.min(MARK, 0.9 * view.scale));
-  for (const [width, stroke] of [[4, paper], [2, colour]]) {
-    ctx.lineWidth = width;
-    ctx.strokeStyle = stroke;
-    ctx.beginPath();
-    for (const [x, y] of points) {
-      const [sx, sy] = moved(t, x, y);
-      if (sx < -r || sy < -r || sx > view.width + r || sy > view.height + r) continue;
-      for (const stroke of MARKS[shape]) {
-        stroke.forEach(([dx, dy], k) => ctx[k ? "lineTo" : "moveTo"](sx + r * dx, sy + r * dy));
+  const r = Math.max(1.5, Math.min(MARK, 0.6 * view.scale));
+  const passes = r < 3 ? [[1.5, colour]] : [[4, paper], [2, colour]];
+  const seen = points.map(([x, y]) => moved(t, x, y))
+    .filter(([sx, sy]) => sx > -r && sy > -r && sx < view.width + r && sy < view.height + r);
+  for (let begin = 0; begin < seen.length; begin += LINES) {
+    for (const [width, stroke] of passes) {
+      ctx.lineWidth = width;
+      ctx.strokeStyle = stroke;
+      ctx.beginPath();
+      for (const [sx, sy] of seen.slice(begin, begin + LINES)) {
+        for (const line of MARKS[shape]) {
+          line.forEach(([dx, dy], k) => ctx[k ? "lineTo" : "moveTo"](sx + r * dx, sy + r * dy));
+        }
       }
+      ctx.stroke();
     }
-    ctx.stroke();
+    yield;
   }
 }
 

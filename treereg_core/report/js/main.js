@@ -2,6 +2,7 @@
 
 const MOVE_MS = 1400;
 const STEP_PX = 70;
+const CLOSER = 1.6;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 function initialState(model) {
@@ -9,20 +10,9 @@ function initialState(model) {
   return {
     placement,
     transform: model.placements[placement].transform,
-    colour: "survey", heat: "none", image: "none", swipe: 0.5, exaggeration: 10, selected: null,
+    colour: "survey", heat: "none", image: "none", swipe: 0.5, exaggeration: 5, selected: null,
     layers: { reference: true, source: true, pairs: false, residuals: false, alone: true, rows: false, gaps: true, boundary: true },
   };
-}
-
-function loadPictures(model, loaded) {
-  const pictures = {};
-  for (const survey of Object.values(model.surveys)) {
-    if (!survey.image?.url.startsWith("data:image/")) continue;
-    const picture = new Image();
-    picture.addEventListener("load", () => { pictures[survey.role] = picture; loaded(); });
-    picture.src = survey.image.url;
-  }
-  return pictures;
 }
 
 class Report {
@@ -30,199 +20,95 @@ class Report {
     this.model = model;
     this.state = initialState(model);
     this.canvas = byId("map");
-    this.stage = byId("stage");
     this.tip = byId("tip");
     this.pick = makePicker(model);
-    this.zoomState = d3.zoomIdentity;
-    this.pictures = loadPictures(model, () => this.redraw());
-    this.resize();
+    this.scene = new Scene(this.canvas, model, this.state);
     this.zoom = makeZoom(this.canvas, (transform) => {
-      this.zoomState = transform;
-      this.redraw();
+      this.scene.zoomTo(transform);
+      this.moveTip();
     });
+    this.fill();
+    this.describe();
     this.listen();
+    this.scene.draw();
+  }
+
+  get placement() {
+    return this.scene.placement;
+  }
+
+  fill() {
+    const { model, state } = this;
     fillHeader(model);
     fillTables(model);
     fillRivals(model, (index) => {
       this.lay(index);
-      this.stage.scrollIntoView({ block: "center" });
+      this.canvas.scrollIntoView({ block: "center" });
     });
-    fillPlacements(model, this.state, (index) => this.lay(index));
-    fillControls(model, this.state, (change) => {
+    fillPlacements(model, state, (index) => this.lay(index));
+    fillControls(model, state, (change) => {
       change();
       this.describe();
-      this.redraw();
     });
-    this.describe();
     drawHistograms(model, this.placement);
-    this.draw();
-  }
-
-  get placement() {
-    return this.model.placements[this.state.placement];
-  }
-
-  get view() {
-    return zoomed(this.whole, this.zoomState);
   }
 
   listen() {
-    new ResizeObserver(() => { this.resize(); this.redraw(); }).observe(this.stage);
-    for (const query of ["print", "(prefers-color-scheme: dark)"]) {
-      matchMedia(query).addEventListener("change", () => { this.describe(); this.resize(); this.draw(); });
-    }
-    addEventListener("beforeprint", () => { this.resize(); this.draw(); });
-    byId("closer").addEventListener("click", () => this.zoom.by(1.6));
-    byId("farther").addEventListener("click", () => this.zoom.by(1 / 1.6));
+    const { scene, canvas } = this;
+    new ResizeObserver(() => {
+      scene.resize();
+      scene.draw();
+      scene.refresh();
+    }).observe(canvas.parentElement);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.describe());
+    matchMedia("print").addEventListener("change", () => this.forPrint());
+    byId("closer").addEventListener("click", () => this.zoom.by(CLOSER));
+    byId("farther").addEventListener("click", () => this.zoom.by(1 / CLOSER));
     byId("fit").addEventListener("click", () => this.zoom.reset());
     byId("play").addEventListener("click", () => this.play());
-    this.canvas.addEventListener("pointermove", (event) => { if (event.pointerType === "mouse" && !event.buttons) this.point(event); });
-    this.canvas.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") this.select(null); });
-    this.canvas.addEventListener("click", (event) => this.point(event));
-    this.canvas.addEventListener("keydown", (event) => this.key(event));
+    canvas.addEventListener("pointermove", (event) => {
+      if (event.pointerType === "mouse" && !event.buttons) this.point(event);
+    });
+    canvas.addEventListener("pointerleave", (event) => {
+      if (event.pointerType === "mouse") this.select(null);
+    });
+    canvas.addEventListener("click", (event) => this.point(event));
+    canvas.addEventListener("keydown", (event) => this.key(event));
   }
 
-  resize() {
-    const { clientWidth: width, clientHeight: height } = this.stage;
-    const ratio = Math.min(devicePixelRatio || 1, 2);
-    this.canvas.width = Math.max(1, Math.round(width * ratio));
-    this.canvas.height = Math.max(1, Math.round(height * ratio));
-    this.ratio = ratio;
-    this.whole = wholeView(this.model, this.model.placements[Math.max(this.model.after, 0)].transform, width, height);
+  forPrint() {
+    this.scene.resize();
+    this.describe();
+    this.scene.drawNow();
   }
 
-  redraw() {
-    this.frame ??= requestAnimationFrame(() => this.draw());
-  }
-
-  // What stands beside the map: legend, texts, and which controls matter.
+  // The state has changed: legend, texts, which controls matter, and the layers.
   describe() {
-    const { state, model } = this;
-    this.colours = theme();
-    this.colouring = colouring(model, state.colour, this.placement, this.colours);
-    const entries = [...this.colouring.legend];
-    if (state.heat !== "none") entries.push(...ramp(model, state.heat).legend.map((entry) => ({ ...entry, text: `heat map, ${entry.text}` })));
-    const counts = countsOf(this.placement);
-    if (state.layers.alone) {
-      entries.push({ text: `✕ missing in ${model.source.name} (${counts.missing})`, colour: WONG.vermillion, line: true });
-      entries.push({ text: `+ new in ${model.source.name} (${counts.new})`, colour: WONG.purple, line: true });
-    }
-    if (state.layers.gaps && available(model, "gaps")) entries.push({ text: `◇ gaps in rows (${model.rows.gaps.length})`, colour: this.colours.ink, line: true });
-    if (state.layers.pairs) entries.push({ text: "from where a tree lies now to its partner", colour: WONG.green, line: true });
-    if (state.layers.residuals) entries.push({ text: `residuals, drawn ${state.exaggeration} times as long`, colour: this.colours.ink, line: true });
-    fillLegend(entries);
+    const { state, model, scene } = this;
+    scene.recolour();
+    fillLegend(legendOf(model, state, scene));
     byId("swipe-row").hidden = state.image !== "swipe";
     byId("exaggeration-text").textContent = `${state.exaggeration} times as long`;
-    this.heat = state.heat === "none" ? null : heatMap(model, state.heat, this.placement.transform, model.data.spacing_m || 1);
-  }
-
-  draw() {
-    cancelAnimationFrame(this.frame);
-    this.frame = undefined;
-    const ctx = this.canvas.getContext("2d");
-    const { view, state, model, colours } = this;
-    ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    ctx.fillStyle = colours.ground;
-    ctx.fillRect(0, 0, view.width, view.height);
-    this.drawGround(ctx, view);
-    const over = state.image !== "none" || this.heat;
-    const look = { colourOf: this.colouring.of, fill: over ? 0 : 0.5, lineWidth: over ? 1.6 : 1 };
-    if (state.layers.reference) drawCrowns(ctx, view, model.reference, IDENTITY, look);
-    if (state.layers.source) drawCrowns(ctx, view, model.source, state.transform, { ...look, fill: over ? 0 : 0.35 });
-    this.drawMarked(ctx, view);
-    drawScale(ctx, view, `${roundLength(120 / view.scale)} m`, roundLength(120 / view.scale), 0, colours.ink, colours.paper);
-    if (state.layers.residuals) {
-      const length = roundLength(120 / view.scale / state.exaggeration);
-      drawScale(ctx, view, `${metres(length)} of a residual`, length * state.exaggeration, 24, colours.ink, colours.paper);
-    }
-    this.drawSelected(ctx, view);
-  }
-
-  drawGround(ctx, view) {
-    const { state, model } = this;
-    if (state.image === "reference" || state.image === "swipe") this.drawPicture(ctx, view, model.reference, IDENTITY);
-    if (state.image === "swipe") {
-      const edge = state.swipe * view.width;
-      ctx.save();
-      ctx.beginPath();
-      ctx.rect(edge, 0, view.width - edge, view.height);
-      ctx.clip();
-      ctx.fillStyle = this.colours.ground;
-      ctx.fillRect(edge, 0, view.width - edge, view.height);
-      this.drawPicture(ctx, view, model.source, state.transform);
-      ctx.restore();
-      ctx.fillStyle = this.colours.paper;
-      ctx.fillRect(edge - 1.5, 0, 3, view.height);
-    }
-    if (state.image === "source") this.drawPicture(ctx, view, model.source, state.transform);
-    if (this.heat) drawHeat(ctx, view, this.heat);
-    if (state.layers.boundary) drawLines(ctx, view, model.boundary, WONG.grey, 1.5);
-  }
-
-  drawPicture(ctx, view, survey, transform) {
-    const picture = this.pictures[survey.role];
-    if (picture) drawImage(ctx, view, picture, survey, transform);
-  }
-
-  drawMarked(ctx, view) {
-    const { state, model, colours, placement } = this;
-    const { source, reference } = model;
-    if (state.layers.rows && model.rows) drawRows(ctx, view, model, state.transform);
-    if (state.layers.gaps && model.rows) drawMarks(ctx, view, model.rows.gaps.map(([x, y]) => [x / 100, y / 100]), "diamond", colours.ink, colours.paper);
-    if (state.layers.alone) {
-      drawMarks(ctx, view, alone(model, placement, "reference", IDENTITY), "cross", WONG.vermillion, colours.paper);
-      drawMarks(ctx, view, alone(model, placement, "source", state.transform), "plus", WONG.purple, colours.paper);
-    }
-    const partners = (of) => d3.range(source.size).filter((i) => of.source[i] >= 0);
-    if (state.layers.pairs && model.after >= 0) {
-      const chosen = model.placements[model.after];
-      drawLines(ctx, view, partners(chosen).map((i) => [
-        moved(state.transform, source.x[i], source.y[i]), [reference.x[chosen.source[i]], reference.y[chosen.source[i]]],
-      ]), WONG.green, 2);
-    }
-    if (state.layers.residuals) {
-      drawLines(ctx, view, partners(placement).map((i) => {
-        const [east, north] = residual(model, placement, i);
-        const [x, y] = [reference.x[placement.source[i]], reference.y[placement.source[i]]];
-        return [[x - state.exaggeration * east, y - state.exaggeration * north], [x, y]];
-      }), colours.ink, 1.5);
-    }
-  }
-
-  drawSelected(ctx, view) {
-    const { selected } = this.state;
-    if (!selected) return;
-    const t = this.toScreen(selected.role);
-    for (const [width, colour] of [[6, this.colours.paper], [3, this.colours.ink]]) {
-      ctx.lineWidth = width;
-      ctx.strokeStyle = colour;
-      ctx.beginPath();
-      addCrown(ctx, this.model.surveys[selected.role], selected.tree, t, view.scale);
-      ctx.stroke();
-    }
-  }
-
-  toScreen(role) {
-    return compose(screenFrom(this.view), role === "source" ? this.state.transform : IDENTITY);
-  }
-
-  // Where a tree lies on the canvas, pixels.
-  screenOf(role, tree) {
-    const survey = this.model.surveys[role];
-    return moved(this.toScreen(role), survey.x[tree], survey.y[tree]);
+    scene.refresh();
+    scene.redraw();
   }
 
   lay(index) {
-    const from = this.state.transform;
-    this.state.placement = index;
+    const { scene, state } = this;
+    const from = state.transform;
+    this.move?.stop();
+    state.placement = index;
     for (const radio of document.getElementsByName("placement")) radio.checked = Number(radio.value) === index;
-    this.moving?.stop();
-    this.describe();
     drawHistograms(this.model, this.placement);
-    this.select(this.state.selected);
-    this.moving = animate(MOVE_MS, (share) => {
-      this.state.transform = share === 1 ? this.placement.transform : between(from, this.placement.transform, share);
-      this.redraw();
+    scene.moving = true;
+    this.move = animate(MOVE_MS, (share) => {
+      const target = this.placement.transform;
+      state.transform = share === 1 ? target : between(from, target, share);
+      scene.redraw();
+      if (share < 1) return;
+      scene.moving = false;
+      this.describe();
+      this.select(state.selected);
     });
   }
 
@@ -233,15 +119,13 @@ class Report {
     this.lay(target);
   }
 
-  shownRoles() {
-    return ["reference", "source"].filter((role) => this.state.layers[role]);
-  }
-
+  // The tree at a place on the canvas, among those of the surveys that are shown.
   at(px, py, pixels) {
-    const { view } = this;
+    const { view } = this.scene;
     const [x, y] = moved(inverse(screenFrom(view)), px, py);
-    const reach = Math.max(pixels / view.scale, d3.median(this.model.reference.radius));
-    return this.pick(x, y, reach, this.shownRoles(), this.state.transform);
+    const reach = Math.max(pixels / view.scale, this.model.reference.usualRadius);
+    const roles = ["reference", "source"].filter((role) => this.state.layers[role]);
+    return this.pick({ x, y, reach, roles, transform: this.state.transform });
   }
 
   point(event) {
@@ -251,22 +135,26 @@ class Report {
 
   select(selected) {
     this.state.selected = selected;
-    if (selected) {
-      showTip(this.tip, treeFacts(this.model, this.placement, selected));
-      placeTip(this.tip, ...this.screenOf(selected.role, selected.tree), this.view.width, this.view.height);
-    } else {
-      this.tip.hidden = true;
-    }
-    this.redraw();
+    if (selected) showTip(this.tip, treeFacts(this.model, this.placement, selected));
+    else this.tip.hidden = true;
+    this.moveTip();
+    this.scene.redraw();
+  }
+
+  moveTip() {
+    const { selected } = this.state;
+    if (!selected) return;
+    const { width, height } = this.scene.view;
+    placeTip(this.tip, this.scene.screenOf(selected.role, selected.tree), width, height);
   }
 
   key(event) {
-    const arrow = ARROWS[event.key];
     if (event.ctrlKey || event.altKey || event.metaKey) return;
-    if (arrow && event.shiftKey) this.zoom.pan(-arrow[0] * STEP_PX, arrow[1] * STEP_PX, this.zoomState.k);
+    const arrow = ARROWS[event.key];
+    if (arrow && event.shiftKey) this.zoom.pan(-arrow[0] * STEP_PX, arrow[1] * STEP_PX, this.scene.zoomState.k);
     else if (arrow) this.step(arrow);
-    else if (event.key === "+" || event.key === "=") this.zoom.by(1.6);
-    else if (event.key === "-") this.zoom.by(1 / 1.6);
+    else if (event.key === "+" || event.key === "=") this.zoom.by(CLOSER);
+    else if (event.key === "-") this.zoom.by(1 / CLOSER);
     else if (event.key === "0") this.zoom.reset();
     else if (event.key === " ") this.lay(this.state.placement === 0 ? Math.max(this.model.after, 0) : 0);
     else if (event.key === "Escape") this.select(null);
@@ -277,13 +165,13 @@ class Report {
   // The next tree that way; at first the one nearest to the middle of the map.
   step(arrow) {
     const { selected, transform } = this.state;
-    const { width, height } = this.view;
+    const { width, height } = this.scene.view;
     const next = selected ? neighbour(this.model, selected, transform, arrow) : this.at(width / 2, height / 2, Infinity);
     if (!next) return;
-    const [x, y] = this.screenOf(next.role, next.tree);
+    const [x, y] = this.scene.screenOf(next.role, next.tree);
     const aside = (at, size) => (at < 0.1 * size || at > 0.9 * size ? size / 2 - at : 0);
     const [dx, dy] = [aside(x, width), aside(y, height)];
-    if (dx || dy) this.zoom.pan(dx, dy, this.zoomState.k);
+    if (dx || dy) this.zoom.pan(dx, dy, this.scene.zoomState.k);
     this.select(next);
   }
 }

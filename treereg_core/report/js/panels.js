@@ -14,18 +14,18 @@ function byId(id) {
   return document.getElementById(id);
 }
 
-function fillTable(id, rows, header) {
-  const cell = (tag, value, numeric) => element(tag, String(value), numeric ? "number" : "");
+function fillTable(id, rows, header, numeric = false) {
+  const cell = (tag, value, right) => element(tag, String(value), right ? "number" : "");
   const table = byId(id);
   table.replaceChildren();
   if (header) {
     const line = element("tr");
-    header.forEach((text, k) => line.append(cell("th", text, k > 0)));
+    header.forEach((text, k) => line.append(cell("th", text, numeric && k > 0)));
     table.append(line);
   }
   for (const [name, ...values] of rows) {
     const line = element("tr");
-    line.append(cell("th", name, false), ...values.map((value) => cell("td", value, Boolean(header))));
+    line.append(cell("th", name, false), ...values.map((value) => cell("td", value, numeric)));
     table.append(line);
   }
 }
@@ -56,13 +56,12 @@ function figures(model) {
   const found = [];
   const error = registration.expected_error_m;
   if (error) found.push(["Expected error", metres(error.rms), `95 %: ${metres(error.ci95[0])} to ${metres(error.ci95[1])}`]);
-  const probability = registration.failure_probability;
-  found.push(["Chance that it is wrong", probability < 1e-6 ? "< 1e-6" : d3.format(".2~g")(probability)]);
+  if (model.after >= 0) found.push(["Chance that it is wrong", model.data.chance_wrong]);
   const used = Math.min(registration.reference.used, registration.source.used);
   found.push(["Trees matched", `${number(registration.matched, 0)}`, `of ${number(used, 0)}; before ${number(registration.before.matched, 0)}`]);
   if (model.after >= 0) {
     const counts = countsOf(model.placements[model.after]);
-    found.push(["Missing / new", `${number(counts.missing, 0)} / ${number(counts.new, 0)}`, "where both surveys look"]);
+    found.push(["In one survey only", `${number(counts.missing, 0)} + ${number(counts.new, 0)}`, "missing and new, where both look"]);
     const { transform } = registration;
     const [east, north] = transform.translation_m;
     found.push(["Moved", metres(Math.hypot(east, north)), `${number(Math.abs(east), 2)} m ${east < 0 ? "west" : "east"}, ${number(Math.abs(north), 2)} m ${north < 0 ? "south" : "north"}`]);
@@ -129,7 +128,7 @@ function fillTables(model) {
     ["Plugins", Object.values(registration.plugins).join(", ")],
     ...(offset ? [["Elevations", `source ${number(offset.median, 2)} m off, spread ${number(offset.spread, 2)} m; not applied`]] : []),
   ]);
-  fillTable("timings", Object.entries(timings).map(([name, seconds]) => [name, number(seconds, 2)]), ["Stage", "Seconds"]);
+  fillTable("timings", Object.entries(timings).map(([name, seconds]) => [name, number(seconds, 2)]), ["Stage", "Seconds"], true);
   fillTable("settings", Object.entries(registration.settings).flatMap(([stage, values]) =>
     Object.entries(values ?? {}).map(([name, value]) => [`${stage}.${name}`, typeof value === "string" ? value : JSON.stringify(value)])));
 }
@@ -150,7 +149,7 @@ function treeFacts(model, placement, { role, tree }) {
     const words = { missing: `none in ${other.name}`, new: `none in ${other.name}`, unseen: `${other.name} does not cover it` };
     facts.push(["partner", words[statusOf(placement, role, tree)]]);
   }
-  return { title: `Tree ${survey.id[tree]} of ${survey.name} (${role})`, facts };
+  return { title: `Tree ${survey.id[tree]} of ${survey.fullName}`, facts };
 }
 
 function showTip(tip, { title, facts }) {
@@ -161,12 +160,27 @@ function showTip(tip, { title, facts }) {
 }
 
 // Beside a point of the stage, and inside it.
-function placeTip(tip, x, y, width, height) {
+function placeTip(tip, [x, y], width, height) {
   const [w, h] = [tip.offsetWidth, tip.offsetHeight];
   const left = x + 16 + w < width ? x + 16 : Math.max(4, x - 16 - w);
   const top = Math.min(Math.max(4, y - h / 2), Math.max(4, height - h - 4));
   tip.style.left = `${width < 480 ? 4 : left}px`;
   tip.style.top = `${width < 480 ? (y > height / 2 ? 4 : height - h - 4) : top}px`;
+}
+
+// What colours and signs on the map mean.
+function legendOf(model, { layers, heat, exaggeration }, { colouring, colours, placement }) {
+  const entries = [...colouring.legend];
+  const line = (text, colour) => entries.push({ text, colour, line: true });
+  if (heat !== "none") entries.push(...ramp(model, heat).legend.map((one) => ({ ...one, text: `heat map, ${one.text}` })));
+  const counts = countsOf(placement);
+  if (layers.alone) line(`✕ missing in ${model.source.name} (${counts.missing})`, WONG.vermillion);
+  if (layers.alone) line(`+ new in ${model.source.name} (${counts.new})`, WONG.purple);
+  if (layers.gaps && available(model, "gaps")) line(`◇ gaps in rows (${model.rows.gaps.length})`, colours.ink);
+  if (layers.pairs) line("from where a tree lies now to its partner", WONG.green);
+  if (layers.residuals) line(`residuals, drawn ${exaggeration} times as long`, colours.ink);
+  if (layers.rows) line("rows of the reference; dashed: of the source, in the colour of the same row", ROW_COLOURS[0]);
+  return entries;
 }
 
 function fillLegend(entries) {

@@ -5,14 +5,14 @@ function makePicker(model) {
     survey,
     tree: d3.quadtree(d3.range(survey.size), (i) => survey.x[i], (i) => survey.y[i]),
   }));
-  // The nearest tree of the surveys that are shown, within so many metres of a point.
-  return (x, y, within, shownRoles, transform) => {
+  // The nearest tree of these surveys, within reach (metres) of a point.
+  return ({ x, y, reach, roles, transform }) => {
     let best = null;
     for (const { survey, tree } of trees) {
-      if (!shownRoles.includes(survey.role)) continue;
+      if (!roles.includes(survey.role)) continue;
       const t = survey.role === "source" ? transform : IDENTITY;
       const [u, v] = moved(inverse(t), x, y);
-      const i = tree.find(u, v, within);
+      const i = tree.find(u, v, reach);
       if (i === undefined) continue;
       const distance = Math.hypot(survey.x[i] - u, survey.y[i] - v);
       if (!best || distance < best.distance) best = { role: survey.role, tree: i, distance };

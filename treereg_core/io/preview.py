@@ -15,7 +15,7 @@ from treereg_core.io.raster import Raster, quiet_gdal, read_raster
 from treereg_core.survey import Survey
 from treereg_core.transform import Affine, Model
 
-LARGEST = 1100
+LARGEST = 1000
 """Pixels of the longer side."""
 MOST_PIXELS = 150_000_000
 """A raster of more pixels is read only where it has overviews."""

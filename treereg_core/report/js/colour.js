@@ -13,7 +13,7 @@ const WORDS = {
 
 const themed = {
   light: { reference: WONG.blue, ink: "#1b1f1d", ground: "#f3f4f0", paper: "#ffffff" },
-  dark: { reference: WONG.sky, ink: "#e7eae8", ground: "#101312", paper: "#101312" },
+  dark: { reference: WONG.sky, ink: "#e7eae8", ground: "#232826", paper: "#161918" },
 };
 const SOURCE = WONG.orange;
 

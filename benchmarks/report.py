@@ -8,6 +8,7 @@ Needs chromium where Debian's package of that name puts it. In brackets the slow
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 import tempfile
 import time
@@ -51,7 +52,6 @@ MOVE = """(frames) => new Promise((done) => {
   };
   requestAnimationFrame(step);
 })"""
-DRAWN = "document.documentElement.dataset.ready && document.getElementById('map').dataset.drawn"
 
 
 def made(folder: Path, trees: int, rasters: bool) -> tuple[dict[str, str], Path]:
@@ -71,9 +71,9 @@ def made(folder: Path, trees: int, rasters: bool) -> tuple[dict[str, str], Path]
 def opened(page: Page, path: Path) -> dict[str, str]:
     """Seconds until the page can be used and until all is drawn, and frames in a second, the median and the worst."""
     page.goto(path.as_uri())
-    page.wait_for_function("document.documentElement.dataset.ready")
+    page.wait_for_selector("html[data-ready]")
     usable = page.evaluate("performance.now()") / 1000
-    page.wait_for_function(DRAWN)
+    page.wait_for_selector("#map[data-drawn]")
     drawn = page.evaluate("performance.now()") / 1000
     figures = {"usable s": f"{usable:.2f}", "drawn s": f"{drawn:.2f}"}
     for factor in (1, 4):
@@ -85,7 +85,7 @@ def opened(page: Page, path: Path) -> dict[str, str]:
 
 def rates(times: list[float]) -> str:
     """Frames in a second: the median, and that of the slowest tenth."""
-    steps = sorted(b - a for a, b in zip(times, times[1:], strict=False))
+    steps = sorted(b - a for a, b in itertools.pairwise(times))
     return f"{1000 / steps[len(steps) // 2]:.0f} ({1000 / steps[int(0.9 * len(steps))]:.0f})"
 
 

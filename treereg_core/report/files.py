@@ -63,5 +63,8 @@ def _previews(result: Result) -> tuple[tuple[io.Preview | None, io.Preview | Non
 
 def _lines(data: Mapping[str, Any]) -> str:
     """JSON with a line for each member."""
-    members = (f"{json.dumps(name)}: {json.dumps(value, allow_nan=False, separators=(',', ':'))}" for name, value in data.items())
+    members = (
+        f"{json.dumps(name)}: {json.dumps(value, allow_nan=False, separators=(',', ':'))}"
+        for name, value in data.items()
+    )
     return "{\n" + ",\n".join(members) + "\n}\n"

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Outlines:
     """The rings of canopy polygons, for drawing: a tree may have several, holes and separate parts among them.
 
-    - `xy` (k, 2): the corners of all rings, one ring after the other, each closed; metres in the survey's working
-      frame, in single precision, a fraction of a millimetre.
+    - `xy` (k, 2): the corners of all rings, one ring after the other, each closed, counter-clockwise and holes
+      clockwise; metres in the survey's working frame, in single precision, a fraction of a millimetre.
     - `ring` (k,): the ring of each corner, ascending.
     - `tree` (r,): the position of each ring's tree in the survey's arrays, ascending.
     """
@@ -42,4 +42,8 @@ class Outlines:
         parts, tree_of_part = shapely.get_parts(polygons, return_index=True)
         rings, part_of_ring = shapely.get_rings(parts, return_index=True)
         xy, ring = shapely.get_coordinates(rings, return_index=True)
-        return cls(xy, ring, tree_of_part[part_of_ring])
+        outer = np.append(True, np.diff(part_of_ring) > 0)[: len(rings)]
+        turned = shapely.is_ccw(rings) != outer
+        first, last = np.searchsorted(ring, ring, "left"), np.searchsorted(ring, ring, "right") - 1
+        corner = np.arange(len(ring))
+        return cls(xy[np.where(turned[ring], first + last - corner, corner)], ring, tree_of_part[part_of_ring])

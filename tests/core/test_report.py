@@ -112,8 +112,7 @@ def test_canopies_keep_their_place_and_shape(orchard: Path) -> None:
     assert np.allclose(side["area_m2"], features.area, atol=0.006)
     rings = corners(side)
     assert len(rings) == len(outlines.tree)
-    area = [abs(np.sum(r[:, 0] * np.roll(r[:, 1], -1) - r[:, 1] * np.roll(r[:, 0], -1))) / 2 for r in rings]
-    assert np.allclose(area, features.area, rtol=0.15)
+    assert np.allclose([turn(ring) for ring in rings], features.area, rtol=0.15)
     assert sum(map(len, rings)) < 0.8 * len(outlines.xy)
 
 
@@ -130,7 +129,22 @@ def test_holes_and_separate_parts_are_rings_of_their_tree() -> None:
     assert len(found.outlines.tree) == len(xy) + 2
     assert np.bincount(found.outlines.ring).tolist() == [5] * len(found.outlines.tree)
     assert isinstance(found.outlines, Outlines)
+    turns = [turn(found.outlines.xy[found.outlines.ring == ring]) for ring in range(4)]
+    assert np.sign(turns).tolist() == [1, -1, 1, 1]
     assert not found.outlines.xy.flags.writeable
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_outlines_run_counter_clockwise_whatever_the_file_does(order: int) -> None:
+    rings = [polygon(square(point)[::order]) for point in grid()]
+    found = io.read_survey(survey(Path("survey"), [feature(ring, confidence=0.5) for ring in rings]))
+    assert all(turn(found.outlines.xy[found.outlines.ring == ring]) > 3.9 for ring in range(len(rings)))
+
+
+def turn(ring: np.ndarray) -> float:
+    """The signed area of a ring."""
+    x, y = (ring - ring[0]).T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2)
 
 
 def test_rows_are_numbered_and_gaps_lie_in_them(rowed: Path) -> None:
@@ -314,6 +328,8 @@ def judgement(verdict: Verdict, probability: float, rms: float | None = 0.014) -
 def test_sentences_for_a_grower() -> None:
     assert "within about 1.4 cm" in sentence(judgement(Verdict.ACCEPTED, 2e-5))
     assert "1 in 50,000" in sentence(judgement(Verdict.ACCEPTED, 2e-5))
+    assert "within a millimetre of" in sentence(judgement(Verdict.ACCEPTED, 1e-6, 0.0))
+    assert "within about 1.2 m of" in sentence(judgement(Verdict.ACCEPTED, 1e-6, 1.2))
     assert "do not use it" in sentence(judgement(Verdict.AMBIGUOUS, 0.9))
     assert "nothing was moved" in sentence(judgement(Verdict.FAILED, 1.0, None))
 

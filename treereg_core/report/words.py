@@ -5,6 +5,7 @@ from __future__ import annotations
 from treereg_core.judgement import Judgement, Verdict
 
 LEAST_CHANCE = 1e-6
+LEAST_LENGTH_M = 0.001
 
 
 def headline(judgement: Judgement) -> str:
@@ -26,8 +27,8 @@ def sentence(judgement: Judgement) -> str:
     error = distance(judgement.expected_error.rms)
     if judgement.verdict is Verdict.ACCEPTED:
         return (
-            f"The surveys now lie on each other tree on tree: expect each tree within about {error} of where it belongs. "
-            f"The chance that they lie a whole tree or row off is {chance(judgement.failure_probability)}."
+            f"The surveys now lie on each other tree on tree: expect each tree within {error} of where it belongs. The "
+            f"chance that they lie a whole tree or row off is {chance(judgement.failure_probability)}."
         )
     return (
         "The trees do not tell which of several places is the right one (the chance that this one is wrong is "
@@ -37,7 +38,9 @@ def sentence(judgement: Judgement) -> str:
 
 def distance(metres: float) -> str:
     """A length in the unit that people would use."""
-    return f"{100 * metres:.1f} cm" if metres < 1 else f"{metres:.1f} m"
+    if metres < LEAST_LENGTH_M:
+        return "a millimetre"
+    return f"about {100 * metres:.1f} cm" if metres < 1 else f"about {metres:.1f} m"
 
 
 def chance(probability: float) -> str:

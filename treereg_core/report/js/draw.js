@@ -64,7 +64,7 @@ function drawOutlines(ctx, survey, trees, t, { scale, fill, lineWidth }) {
   for (const i of trees) addCrown(ctx, survey, i, t, scale);
   if (fill > 0) {
     ctx.globalAlpha = fill;
-    ctx.fill("evenodd");
+    ctx.fill();
   }
   ctx.globalAlpha = 0.95;
   ctx.lineWidth = lineWidth;

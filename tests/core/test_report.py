@@ -261,19 +261,19 @@ def test_the_page_asks_for_nothing_and_lets_only_its_own_scripts_run(rowed: Path
     assert len((rowed / "report.html").read_bytes()) < 2e6
 
 
-def paint(path: Path, crs: str = CRS, side: int = 400, dtype: str = "uint8", bands: int = 3) -> None:
-    """An orthomosaic of 100 m about the orchard, its western quarter empty."""
+def paint(path: Path, side: int = 400, dtype: str = "uint8", bands: int = 3, empty: bool = True) -> None:
+    """An orthomosaic of 100 m about the orchard; its western quarter may be empty."""
     values = np.full((bands, side, side), 90 if dtype == "uint8" else 9000, dtype)
-    values[:, :, : side // 4] = 0
+    values[:, :, : side // 4] = 0 if empty else 30
     pixel = 100 / side
     place = Geotransform(pixel, 0, ORIGIN[0] - 30, 0, -pixel, ORIGIN[1] + 70)
     options = {"driver": "GTiff", "width": side, "height": side, "count": bands, "dtype": dtype, "nodata": 0}
-    with rasterio.open(path, "w", crs=crs, transform=place, **options) as file:
+    with rasterio.open(path, "w", crs=CRS, transform=place, **options) as file:
         file.write(values)
 
 
 def decoded(preview: io.Preview) -> np.ndarray:
-    with rasterio.MemoryFile(preview.webp) as memory, memory.open() as image:
+    with rasterio.MemoryFile(preview.image) as memory, memory.open() as image:
         return image.read()
 
 
@@ -309,14 +309,15 @@ def test_an_image_of_which_no_preview_can_be_made_is_left_out(
     assert len(data["warnings"]) == 2
 
 
-def test_images_stand_in_the_page(capsys: Output) -> None:
+@pytest.mark.parametrize(("empty", "kind", "magic"), [(True, "webp", b"RIFF"), (False, "jpeg", b"\xff\xd8\xff")])
+def test_images_stand_in_the_page(empty: bool, kind: str, magic: bytes) -> None:
     folder = survey(Path("survey"))
-    paint(folder / "visible_25cm.tif")
+    paint(folder / "visible_25cm.tif", empty=empty)
     assert main(["run", "survey", "survey", "-q", "--rasters", "none"]) in (0, 3)
     image = data_in(Path("treereg-out"))["source"]["image"]
-    kind, content = image["url"].split(",")
-    assert kind == "data:image/webp;base64"
-    assert base64.b64decode(content)[8:12] == b"WEBP"
+    named, content = image["url"].split(",")
+    assert named == f"data:image/{kind};base64"
+    assert base64.b64decode(content).startswith(magic)
 
 
 def judgement(verdict: Verdict, probability: float, rms: float | None = 0.014) -> Judgement:

@@ -57,7 +57,7 @@ def _image(preview: Preview | None) -> dict[str, Any] | None:
         return None
     place = preview.frame_from_pixel
     return {
-        "url": "data:image/webp;base64," + base64.b64encode(preview.webp).decode(),
+        "url": f"data:image/{preview.kind};base64,{base64.b64encode(preview.image).decode()}",
         "width": preview.width,
         "height": preview.height,
         "matrix": np.column_stack([place.linear, place.shift]).tolist(),

@@ -6,8 +6,11 @@
 const BATCH = 48; // canopies filled as one path: one huge path is slow, one path for each is too
 const SQUARES = 2.2; // pixels: crowns of a smaller radius are drawn as squares,
 const STROKED = 4; // and those of a larger one have an edge
+const FAINT = 0.3; // opacity of small crowns on an image or heat map
 const LINES = 400;
 const MARK = 5;
+const SCALE_BAR = 120; // pixels at most
+const HEAT_CELLS = 80; // along the longer side of the field, or trees if these are fewer
 
 function finish(steps) {
   while (!steps.next().done);
@@ -37,8 +40,9 @@ function* drawCrowns(ctx, view, survey, transform, look) {
   const toScreen = compose(screenFrom(view), transform);
   const usual = survey.usualRadius * view.scale;
   const drawBatch = usual < SQUARES ? drawSquares : drawOutlines;
-  const fill = usual < STROKED ? Math.max(look.fill, 0.6) : look.fill;
-  const lineWidth = usual < STROKED && look.fill ? 0 : look.lineWidth;
+  const small = usual < STROKED;
+  const fill = small ? Math.max(1.2 * look.fill, FAINT) : look.fill;
+  const lineWidth = small ? 0 : look.lineWidth;
   for (const [colour, trees] of visibleByColour(view, survey, toScreen, look.colourOf)) {
     for (let begin = 0; begin < trees.length; begin += BATCH) {
       ctx.fillStyle = ctx.strokeStyle = colour;
@@ -49,8 +53,8 @@ function* drawCrowns(ctx, view, survey, transform, look) {
   ctx.globalAlpha = 1;
 }
 
-function drawSquares(ctx, survey, trees, t, { scale }) {
-  ctx.globalAlpha = 0.75;
+function drawSquares(ctx, survey, trees, t, { scale, fill }) {
+  ctx.globalAlpha = fill;
   for (const i of trees) {
     const r = Math.max(survey.radius[i] * scale * 0.89, 0.7);
     const sx = t.a * survey.x[i] + t.c * survey.y[i] + t.e;
@@ -170,8 +174,8 @@ function drawImage(ctx, view, picture, survey, transform) {
   ctx.restore();
 }
 
-// A quantity smoothed over the field: a weighted mean on a grid of cells as wide as trees stand apart.
-function heatMap(model, quantity, transform, cell) {
+// A quantity smoothed over the field: weighted means on a grid.
+function heatMap(model, quantity, transform) {
   const points = [];
   for (const survey of [model.reference, model.source]) {
     const values = survey.quantities[quantity];
@@ -180,6 +184,7 @@ function heatMap(model, quantity, transform, cell) {
   }
   const [left, right] = d3.extent(points, (point) => point[0]);
   const [bottom, top] = d3.extent(points, (point) => point[1]);
+  const cell = Math.max(model.data.spacing_m, (right - left) / HEAT_CELLS, (top - bottom) / HEAT_CELLS, 0.1);
   const columns = Math.ceil((right - left) / cell) + 5;
   const rows = Math.ceil((top - bottom) / cell) + 5;
   const sum = new Float64Array(columns * rows);
@@ -216,9 +221,11 @@ function drawHeat(ctx, view, heat) {
   ctx.globalAlpha = 1;
 }
 
-// A bar of a round length, for the map or, magnified, for residuals.
-function drawScale(ctx, view, text, metres, lift, ink, paper) {
-  const length = metres * view.scale;
+// A bar of a round length, for the map, or for residuals drawn so many times as long.
+function drawScale(ctx, view, times, what, lift, { ink, paper }) {
+  const metres = roundLength(SCALE_BAR / view.scale / times);
+  const length = metres * times * view.scale;
+  const text = `${d3.format("~g")(metres)} m${what}`;
   const x = 14;
   const y = view.height - 14 - lift;
   ctx.font = "12px system-ui, sans-serif";

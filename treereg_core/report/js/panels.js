@@ -79,7 +79,7 @@ function fillRivals(model, lay) {
   const rivals = model.data.registration.rivals;
   byId("rivals-section").hidden = rivals.length === 0;
   byId("rivals-text").textContent = "These are the best other placements. Lay one to see how its trees meet; if you know "
-    + "that one of them is right, `treereg apply --rival N` moves files by it.";
+    + "that one of them is right, treereg apply --rival N moves files by it.";
   const header = element("tr");
   for (const [text, kind] of [["Placement"], ["Trees matched", "number"], ["Apart (RMS)", "number"], ["From the chosen one", "number"], ["How likely", ""], [""]]) {
     header.append(element("th", text, kind));
@@ -172,11 +172,12 @@ function placeTip(tip, [x, y], width, height) {
 function legendOf(model, { layers, heat, exaggeration }, { colouring, colours, placement }) {
   const entries = [...colouring.legend];
   const line = (text, colour) => entries.push({ text, colour, line: true });
+  const sign = (symbol, text, colour) => entries.push({ symbol, text, colour });
   if (heat !== "none") entries.push(...ramp(model, heat).legend.map((one) => ({ ...one, text: `heat map, ${one.text}` })));
   const counts = countsOf(placement);
-  if (layers.alone) line(`✕ missing in ${model.source.name} (${counts.missing})`, WONG.vermillion);
-  if (layers.alone) line(`+ new in ${model.source.name} (${counts.new})`, WONG.purple);
-  if (layers.gaps && available(model, "gaps")) line(`◇ gaps in rows (${model.rows.gaps.length})`, colours.ink);
+  if (layers.alone) sign("✕", `missing in ${model.source.name} (${counts.missing})`, WONG.vermillion);
+  if (layers.alone) sign("+", `new in ${model.source.name} (${counts.new})`, WONG.purple);
+  if (layers.gaps && available(model, "gaps")) sign("◇", `gaps in rows (${model.rows.gaps.length})`, colours.ink);
   if (layers.pairs) line("from where a tree lies now to its partner", WONG.green);
   if (layers.residuals) line(`residuals, drawn ${exaggeration} times as long`, colours.ink);
   if (layers.rows) line("rows of the reference; dashed: of the source, in the colour of the same row", ROW_COLOURS[0]);
@@ -184,11 +185,12 @@ function legendOf(model, { layers, heat, exaggeration }, { colouring, colours, p
 }
 
 function fillLegend(entries) {
-  byId("legend").replaceChildren(...entries.map(({ text, colour, ramp, line }) => {
+  byId("legend").replaceChildren(...entries.map(({ text, colour, ramp, line, symbol }) => {
     const item = element("li");
-    const swatch = element("i", undefined, ramp ? "ramp" : line ? "line" : "");
+    const swatch = element("i", symbol, ramp ? "ramp" : line ? "line" : symbol ? "sign" : "");
     if (ramp) swatch.style.background = `linear-gradient(90deg, ${d3.range(9).map((k) => d3.interpolateCividis(k / 8)).join(",")})`;
     else if (line) swatch.style.borderColor = colour;
+    else if (symbol) swatch.style.color = colour;
     else Object.assign(swatch.style, { background: colour, borderColor: colour });
     item.append(swatch, element("span", text));
     return item;

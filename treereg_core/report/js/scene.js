@@ -132,7 +132,7 @@ class Scene {
     this.colouring = colouring(this.model, this.state.colour, this.placement, this.colours);
     this.heat = this.state.heat === "none"
       ? null
-      : heatMap(this.model, this.state.heat, this.placement.transform, this.model.data.spacing_m || 1);
+      : heatMap(this.model, this.state.heat, this.placement.transform);
   }
 
   get look() {
@@ -178,11 +178,8 @@ class Scene {
     layers.source.show(ctx, view, state.transform);
     if (state.layers.pairs && model.after >= 0) finish(drawLines(ctx, view, this.pairLines(), WONG.green, 2));
     if (!this.moving) layers.marks.show(ctx, view, IDENTITY);
-    drawScale(ctx, view, `${roundLength(120 / view.scale)} m`, roundLength(120 / view.scale), 0, colours.ink, colours.paper);
-    if (state.layers.residuals) {
-      const length = roundLength(120 / view.scale / state.exaggeration);
-      drawScale(ctx, view, `${metres(length)} of a residual`, length * state.exaggeration, 24, colours.ink, colours.paper);
-    }
+    drawScale(ctx, view, 1, "", 0, colours);
+    if (state.layers.residuals) drawScale(ctx, view, state.exaggeration, " of a residual", 24, colours);
     this.drawSelected(ctx, view);
   }
 

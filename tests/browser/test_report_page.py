@@ -8,11 +8,13 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from playwright.sync_api import Browser, BrowserContext, Route, sync_playwright
 
 from treereg_core.cli import main
@@ -89,17 +91,11 @@ class Visit:
     def pixels(self) -> np.ndarray:
         """What is on the canvas, once everything asked for is drawn: (height, width, 4)."""
         self.until(MOVED)
-        height, width, values = self.page.evaluate("""() => {
-            const { scene, canvas } = window.treereg;
-            scene.drawNow();
-            const { width: w, height: h } = canvas;
-            const copy = Object.assign(document.createElement("canvas"), { width: w, height: h });
-            const ctx = copy.getContext("2d", { willReadFrequently: true });
-            ctx.drawImage(canvas, 0, 0);
-            const { data, width, height } = ctx.getImageData(0, 0, w, h);
-            return [height, width, btoa(Array.from(data, (v) => String.fromCharCode(v)).join(""))];
+        url = self.page.evaluate("""() => {
+            window.treereg.scene.drawNow();
+            return window.treereg.canvas.toDataURL();
         }""")
-        return np.frombuffer(base64.b64decode(values), dtype=np.uint8).reshape(height, width, 4)
+        return np.asarray(255 * imread(BytesIO(base64.b64decode(url.partition(",")[2])), format="png"))
 
     def place_of(self, role: str, tree: int) -> tuple[float, float]:
         """Where a tree lies on the page."""
@@ -365,10 +361,14 @@ def test_light_dark_and_print(clear: Path, visit: Any) -> None:
     ground = "getComputedStyle(document.body).backgroundColor"
     assert light.page.evaluate(ground) != dark.page.evaluate(ground)
     dark.page.emulate_media(media="print")
+    dark.until("window.treereg.scene.printing")
     assert brightness(dark.pixels()) > 200
     assert dark.page.evaluate(ground) == "rgb(255, 255, 255)"
     for hidden in ("#controls", "#play", "#keys"):
         assert dark.page.locator(hidden).is_hidden()
+    dark.page.emulate_media(media="screen")
+    dark.until("!window.treereg.scene.printing")
+    assert brightness(dark.pixels()) < 80
     assert len(dark.page.pdf()) > 20_000
 
 

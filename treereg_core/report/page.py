@@ -10,7 +10,10 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
-SCRIPTS = ("decode", "placement", "colour", "draw", "view", "scene", "pick", "panels", "histogram", "controls", "main")
+SCRIPTS = (
+    *("decode", "placement", "colour", "draw", "heat", "view", "layer", "scene", "pick"),
+    *("panels", "histogram", "controls", "main"),
+)
 """The scripts of the page, each on top of those before it."""
 
 

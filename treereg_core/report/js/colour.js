@@ -17,8 +17,8 @@ const themed = {
 };
 const SOURCE = WONG.orange;
 
-function theme() {
-  if (matchMedia("print").matches) return { ...themed.light, ground: "#ffffff" };
+function theme(printing) {
+  if (printing) return { ...themed.light, ground: "#ffffff" };
   return matchMedia("(prefers-color-scheme: dark)").matches ? themed.dark : themed.light;
 }
 

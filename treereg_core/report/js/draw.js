@@ -10,7 +10,6 @@ const FAINT = 0.3; // opacity of small crowns on an image or heat map
 const LINES = 400;
 const MARK = 5;
 const SCALE_BAR = 120; // pixels at most
-const HEAT_CELLS = 80; // along the longer side of the field, or trees if these are fewer
 
 function finish(steps) {
   while (!steps.next().done);
@@ -128,7 +127,7 @@ function drawRows(ctx, view, model, transform) {
 }
 
 // Crosses for trees that the other survey lacks, plus signs for new ones, diamonds for gaps; small from afar.
-function* drawMarks(ctx, view, points, shape, colour, paper) {
+function* drawMarks(ctx, view, points, { shape, colour, paper }) {
   const t = screenFrom(view);
   const r = Math.max(1.5, Math.min(MARK, 0.6 * view.scale));
   const passes = r < 3 ? [[1.5, colour]] : [[4, paper], [2, colour]];
@@ -174,55 +173,8 @@ function drawImage(ctx, view, picture, survey, transform) {
   ctx.restore();
 }
 
-// A quantity smoothed over the field: weighted means on a grid.
-function heatMap(model, quantity, transform) {
-  const points = [];
-  for (const survey of [model.reference, model.source]) {
-    const values = survey.quantities[quantity];
-    const t = survey.role === "source" ? transform : IDENTITY;
-    if (values) for (let i = 0; i < survey.size; i++) points.push([...moved(t, survey.x[i], survey.y[i]), values[i]]);
-  }
-  const [left, right] = d3.extent(points, (point) => point[0]);
-  const [bottom, top] = d3.extent(points, (point) => point[1]);
-  const cell = Math.max(model.data.spacing_m, (right - left) / HEAT_CELLS, (top - bottom) / HEAT_CELLS, 0.1);
-  const columns = Math.ceil((right - left) / cell) + 5;
-  const rows = Math.ceil((top - bottom) / cell) + 5;
-  const sum = new Float64Array(columns * rows);
-  const weight = new Float64Array(columns * rows);
-  for (const [x, y, value] of points) {
-    const column = (x - left) / cell + 2;
-    const row = (top - y) / cell + 2;
-    for (let r = Math.floor(row) - 1; r <= Math.floor(row) + 2; r++) {
-      for (let c = Math.floor(column) - 1; c <= Math.floor(column) + 2; c++) {
-        const w = Math.exp(-((r - row) ** 2 + (c - column) ** 2) / 1.2);
-        sum[r * columns + c] += w * value;
-        weight[r * columns + c] += w;
-      }
-    }
-  }
-  const scale = d3.scaleSequential(rangeOf(model, quantity), d3.interpolateCividis).clamp(true);
-  const canvas = Object.assign(document.createElement("canvas"), { width: columns, height: rows });
-  const pixels = new ImageData(columns, rows);
-  for (let k = 0; k < sum.length; k++) {
-    if (weight[k] < 0.05) continue;
-    const { r, g, b } = d3.rgb(scale(sum[k] / weight[k]));
-    pixels.data.set([r, g, b, 255 * Math.min(1, weight[k])], 4 * k);
-  }
-  canvas.getContext("2d").putImageData(pixels, 0, 0);
-  return { canvas, cell, left: left - 2.5 * cell, top: top + 2.5 * cell, quantity };
-}
-
-function drawHeat(ctx, view, heat) {
-  const [x, y] = moved(screenFrom(view), heat.left, heat.top);
-  const size = heat.cell * view.scale;
-  ctx.globalAlpha = 0.8;
-  ctx.imageSmoothingEnabled = true;
-  ctx.drawImage(heat.canvas, x, y, heat.canvas.width * size, heat.canvas.height * size);
-  ctx.globalAlpha = 1;
-}
-
 // A bar of a round length, for the map, or for residuals drawn so many times as long.
-function drawScale(ctx, view, times, what, lift, { ink, paper }) {
+function drawScale(ctx, view, { times, what, lift }, { ink, paper }) {
   const metres = roundLength(SCALE_BAR / view.scale / times);
   const length = metres * times * view.scale;
   const text = `${d3.format("~g")(metres)} m${what}`;

@@ -61,7 +61,9 @@ class Report {
       scene.refresh();
     }).observe(canvas.parentElement);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.describe());
-    matchMedia("print").addEventListener("change", () => this.forPrint());
+    matchMedia("print").addEventListener("change", ({ matches }) => this.print(matches));
+    addEventListener("beforeprint", () => this.print(true));
+    addEventListener("afterprint", () => this.print(false));
     byId("closer").addEventListener("click", () => this.zoom.by(CLOSER));
     byId("farther").addEventListener("click", () => this.zoom.by(1 / CLOSER));
     byId("fit").addEventListener("click", () => this.zoom.reset());
@@ -76,7 +78,9 @@ class Report {
     canvas.addEventListener("keydown", (event) => this.key(event));
   }
 
-  forPrint() {
+  // On paper, in light colours, or on the screen again.
+  print(printing) {
+    this.scene.printing = printing;
     this.scene.resize();
     this.describe();
     this.scene.drawNow();

@@ -1,43 +1,11 @@
-// What is on the canvas. Canopies and marks are drawn into layers, a little with every frame, and a layer that is done is
-// shown under any later view and placement: so panning, zooming and the move stay smooth however many trees there are.
+// What is on the canvas: images and heat map, layers of canopies and marks, and what is selected.
 
-const MARGIN = 0.4; // of the view, drawn beyond each of its edges
-const SLICE_MS = 9;
-const REST_MS = 110;
-
-class Layer {
-  constructor(paint) {
-    this.paint = paint;
-    this.front = null;
-  }
-
-  // Draws the layer anew, step by step; gives what becomes its `front`.
-  *prepare(view, ratio, placed) {
-    const [x, y] = [Math.round(MARGIN * view.width), Math.round(MARGIN * view.height)];
-    const wide = {
-      scale: view.scale, left: view.left + x, top: view.top + y, width: view.width + 2 * x, height: view.height + 2 * y,
-    };
-    const canvas = Object.assign(document.createElement("canvas"), { width: wide.width * ratio, height: wide.height * ratio });
-    const ctx = canvas.getContext("2d");
-    ctx.scale(ratio, ratio);
-    yield* this.paint(ctx, wide, placed);
-    return { canvas, view: wide, placed };
-  }
-
-  show(ctx, view, placed) {
-    if (!this.front) return;
-    const then = compose(screenFrom(this.front.view), this.front.placed);
-    const t = compose(compose(screenFrom(view), placed), inverse(then));
-    ctx.save();
-    ctx.transform(t.a, t.b, t.c, t.d, t.e, t.f);
-    ctx.drawImage(this.front.canvas, 0, 0, this.front.view.width, this.front.view.height);
-    ctx.restore();
-  }
-}
+const SLICE_MS = 9; // of each frame, for drawing layers
+const REST_MS = 110; // without a move of the view, before layers are drawn anew
 
 class Scene {
   constructor(canvas, model, state) {
-    Object.assign(this, { canvas, model, state, zoomState: d3.zoomIdentity, pictures: {}, moving: false });
+    Object.assign(this, { canvas, model, state, zoomState: d3.zoomIdentity, pictures: {}, moving: false, printing: false });
     this.layers = {
       reference: new Layer((ctx, view) => this.paintReference(ctx, view)),
       source: new Layer((ctx, view, placed) => this.paintSource(ctx, view, placed)),
@@ -128,7 +96,7 @@ class Scene {
 
   // Colours as they are to be now.
   recolour() {
-    this.colours = theme();
+    this.colours = theme(this.printing);
     this.colouring = colouring(this.model, this.state.colour, this.placement, this.colours);
     this.heat = this.state.heat === "none"
       ? null
@@ -149,7 +117,8 @@ class Scene {
     if (!state.layers.source) return;
     yield* drawCrowns(ctx, view, model.source, placed, { ...look, fill: 0.7 * look.fill });
     if (state.layers.alone) {
-      yield* drawMarks(ctx, view, alone(model, placement, "source", placed), "plus", WONG.purple, colours.paper);
+      const sign = { shape: "plus", colour: WONG.purple, paper: colours.paper };
+      yield* drawMarks(ctx, view, alone(model, placement, "source", placed), sign);
     }
   }
 
@@ -159,10 +128,11 @@ class Scene {
     yield;
     if (state.layers.gaps && model.rows) {
       const gaps = model.rows.gaps.map(([x, y]) => [x / 100, y / 100]);
-      yield* drawMarks(ctx, view, gaps, "diamond", colours.ink, colours.paper);
+      yield* drawMarks(ctx, view, gaps, { shape: "diamond", colour: colours.ink, paper: colours.paper });
     }
     if (state.layers.alone && state.layers.reference) {
-      yield* drawMarks(ctx, view, alone(model, placement, "reference", IDENTITY), "cross", WONG.vermillion, colours.paper);
+      const sign = { shape: "cross", colour: WONG.vermillion, paper: colours.paper };
+      yield* drawMarks(ctx, view, alone(model, placement, "reference", IDENTITY), sign);
     }
     if (state.layers.residuals) yield* drawLines(ctx, view, this.residualLines(), colours.ink, 1.5);
   }
@@ -178,8 +148,10 @@ class Scene {
     layers.source.show(ctx, view, state.transform);
     if (state.layers.pairs && model.after >= 0) finish(drawLines(ctx, view, this.pairLines(), WONG.green, 2));
     if (!this.moving) layers.marks.show(ctx, view, IDENTITY);
-    drawScale(ctx, view, 1, "", 0, colours);
-    if (state.layers.residuals) drawScale(ctx, view, state.exaggeration, " of a residual", 24, colours);
+    drawScale(ctx, view, { times: 1, what: "", lift: 0 }, colours);
+    if (state.layers.residuals) {
+      drawScale(ctx, view, { times: state.exaggeration, what: " of a residual", lift: 24 }, colours);
+    }
     this.drawSelected(ctx, view);
   }
 

@@ -244,10 +244,19 @@ def test_the_swipe_shows_both_images(clear: Path, visit: Any) -> None:
         shown[value] = one.pixels().astype(int)
     width = shown["swipe"].shape[1]
     left, right = slice(0, width // 2 - 4), slice(width // 2 + 4, width)
-    rows = slice(0, -60)  # without the scale bar
+    rows = slice(0, 200)  # without the scale bar and the grip
     assert np.array_equal(shown["swipe"][rows, left], shown["reference"][rows, left])
     assert np.array_equal(shown["swipe"][rows, right], shown["source"][rows, right])
     assert differ(shown["reference"], shown["source"]) > 0.1
+    one.page.evaluate("document.getElementById('stage').scrollIntoView({ block: 'center' })")
+    box = one.page.locator("#map").bounding_box()
+    middle, height = box["x"] + box["width"] / 2, box["y"] + 100
+    one.page.mouse.move(middle + 5, height)
+    one.page.mouse.down()
+    one.page.mouse.move(box["x"] + 0.8 * box["width"], height)
+    one.page.mouse.up()
+    assert one.page.locator("#swipe").input_value() == "80"
+    assert one.page.evaluate("window.treereg.scene.zoomState.x") == 0
     one.page.locator("#swipe").press("End")
     assert np.array_equal(one.pixels()[rows, left], shown["reference"][rows, left])
     assert differ(one.pixels()[rows, right], shown["source"][rows, right]) > 0.1

@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 SCRIPTS = (
-    *("decode", "placement", "colour", "draw", "heat", "view", "layer", "scene", "pick"),
+    *("decode", "placement", "colour", "draw", "heat", "view", "layer", "swipe", "scene", "pick"),
     *("panels", "histogram", "controls", "main"),
 )
 """The scripts of the page, each on top of those before it."""

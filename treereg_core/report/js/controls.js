@@ -60,8 +60,6 @@ function fillControls(model, state, changed) {
   fillLayers(model, state, changed);
   const slider = byId("exaggeration");
   slider.addEventListener("input", () => changed(() => { state.exaggeration = EXAGGERATIONS[slider.value]; }));
-  const swipe = byId("swipe");
-  swipe.addEventListener("input", () => changed(() => { state.swipe = swipe.value / 100; }));
   byId("swipe-left").textContent = `◀ ${model.reference.name}`;
   byId("swipe-right").textContent = `${model.source.name} ▶`;
   byId("controls").addEventListener("submit", (event) => event.preventDefault());

@@ -23,7 +23,9 @@ class Report {
     this.tip = byId("tip");
     this.pick = makePicker(model);
     this.scene = new Scene(this.canvas, model, this.state);
-    this.zoom = makeZoom(this.canvas, (transform) => {
+    this.swipe = makeSwipe(this.canvas, this.state, () => this.scene.redraw());
+    const onEdge = (event) => event.type !== "wheel" && this.swipe.near(event);
+    this.zoom = makeZoom(this.canvas, onEdge, (transform) => {
       this.scene.zoomTo(transform);
       this.moveTip();
     });

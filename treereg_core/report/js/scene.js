@@ -152,6 +152,7 @@ class Scene {
     if (state.layers.residuals) {
       drawScale(ctx, view, { times: state.exaggeration, what: " of a residual", lift: 24 }, colours);
     }
+    if (state.image === "swipe") drawEdge(ctx, view, state.swipe, colours);
     this.drawSelected(ctx, view);
   }
 
@@ -168,8 +169,6 @@ class Scene {
       ctx.fillRect(edge, 0, view.width - edge, view.height);
       this.drawPicture(ctx, view, model.source, state.transform);
       ctx.restore();
-      ctx.fillStyle = this.colours.paper;
-      ctx.fillRect(edge - 1.5, 0, 3, view.height);
     }
     if (state.image === "source") this.drawPicture(ctx, view, model.source, state.transform);
     if (this.heat) drawHeat(ctx, view, this.heat);

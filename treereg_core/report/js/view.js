@@ -26,9 +26,10 @@ function zoomed(view, { k, x, y }) {
   return { ...view, scale: view.scale * k, left: view.left * k + x, top: view.top * k + y };
 }
 
-// Zoom by wheel, pinch and drag; `changed` is called with every step.
-function makeZoom(canvas, changed) {
-  const zoom = d3.zoom().scaleExtent([0.4, 400]).on("zoom", ({ transform }) => changed(transform));
+// Zoom by wheel, pinch and drag, but for events that are `taken`; `changed` is called with every step.
+function makeZoom(canvas, taken, changed) {
+  const meant = (event) => (!event.ctrlKey || event.type === "wheel") && !event.button && !taken(event);
+  const zoom = d3.zoom().filter(meant).scaleExtent([0.4, 400]).on("zoom", ({ transform }) => changed(transform));
   const selection = d3.select(canvas).call(zoom).on("dblclick.zoom", null);
   return {
     by: (factor) => zoom.scaleBy(selection, factor),

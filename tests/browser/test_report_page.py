@@ -210,12 +210,14 @@ def test_a_rival_is_laid(clear: Path, visit: Any) -> None:
     assert differ(after, one.pixels()) > 0.02
 
 
-@pytest.mark.parametrize("layer", ["reference", "source", "pairs", "residuals", "alone", "rows", "gaps", "boundary"])
-def test_every_layer_is_drawn(layer: str, clear: Path, visit: Any) -> None:
+def test_every_layer_is_drawn(clear: Path, visit: Any) -> None:
     one = visit(clear / "report.html")
-    before = one.pixels()
-    one.page.locator(f"[name={layer}]").click()
-    assert differ(before, one.pixels()) > 1e-4
+    before, unseen = one.pixels(), []
+    for layer in ("reference", "source", "pairs", "residuals", "alone", "rows", "gaps", "boundary"):
+        one.page.locator(f"[name={layer}]").click()
+        unseen += [layer] if differ(before, one.pixels()) < 1e-4 else []
+        one.page.locator(f"[name={layer}]").click()
+    assert unseen == []
 
 
 def test_colours_heat_map_and_the_length_of_residuals(clear: Path, visit: Any) -> None:

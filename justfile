@@ -65,6 +65,10 @@ elevation *arguments:
 heights *arguments:
     uv run python -m benchmarks.heights {{ arguments }}
 
+# The page of a run in a browser: how large, how soon, how smooth
+report *arguments:
+    uv run python -m benchmarks.report {{ arguments }}
+
 # Seconds and memory over sizes of orchards
 speed *arguments:
     uv run python -m benchmarks.speed {{ arguments }}

@@ -116,7 +116,7 @@ def execute(
     if recall and result.accepted:
         with clock("learn"):
             warnings += recall.learn(plan, placed, judgement.matches.pairs, progress)
-    return replace(result, timings=dict(clock.seconds), warnings=warnings, described=described)
+    return replace(result, timings=dict(clock.seconds), warnings=warnings, described=described, rows=rows)
 
 
 def starts(plan: Plan, pair: Pair, reference: Survey | FeatureSet, context: Context) -> tuple[Pair, ...]:

@@ -13,6 +13,7 @@ from treereg_core.features import FeatureSet
 from treereg_core.heights import VerticalOffset, vertical_offset
 from treereg_core.judgement import Judgement, Matches, Verdict
 from treereg_core.method import Described
+from treereg_core.pair import MatchedRows
 from treereg_core.plan import Plan
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import Affine, Model, Rigid
@@ -28,6 +29,7 @@ class Result:
     `reference` and `source` are in one working frame; so are the transforms of the judgement. `timings` are seconds.
     `warnings` are sentences for people on what went wrong beside the registration. `described` is what the filters know
     of the reference's and of the source's usable trees at the placement: by name, arrays in the order of the features.
+    `rows` are those that the stages went through; None where the method looked for none.
     """
 
     plan: Plan
@@ -37,6 +39,7 @@ class Result:
     timings: Mapping[str, float]
     warnings: tuple[str, ...] = ()
     described: Described = ({}, {})
+    rows: MatchedRows | None = None
 
     @property
     def accepted(self) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from treereg_core.features import FeatureSet
 from treereg_core.heights import Heights
+from treereg_core.outlines import Outlines
 
 if TYPE_CHECKING:
     from shapely import Geometry
@@ -41,6 +42,7 @@ class Survey:
       features have the attribute `height` too.
     - `warnings`: one sentence each, for stderr.
     - `visible`, `dem`: the rasters in the folder, not read yet.
+    - `outlines`: of the usable trees, in `frame`, or None where only their centroids are known.
     """
 
     path: Path
@@ -54,3 +56,4 @@ class Survey:
     warnings: tuple[str, ...] = ()
     visible: Path | None = None
     dem: Path | None = None
+    outlines: Outlines | None = None

@@ -17,8 +17,8 @@ RUNNER = {
     f"treereg_core.{name}"
     for name in (
         *("api", "application", "cli", "description", "detection", "expression", "heights", "io", "judge", "memory"),
-        *("options", "outputs", "pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
-        *("survey", "survey_copy", "survey_rasters", "testing"),
+        *("options", "outlines", "outputs", "pipeline", "plan", "recall", "registry", "report", "result", "rows"),
+        *("settings", "simulate", "survey", "survey_copy", "survey_rasters", "testing"),
     )
 }
 """What runs methods, reads files and judges: not for plugins. The rest of the core is public."""

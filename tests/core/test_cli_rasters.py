@@ -75,7 +75,8 @@ def names(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir())
 
 
-VECTORS = ["detections_registered.geojson", "registration.json", "tree_matches.geojson"]
+REPORT = ["report-data.json", "report.html"]
+VECTORS = ["detections_registered.geojson", "registration.json", *REPORT, "tree_matches.geojson"]
 RASTERS = ["dem_registered.tif", "visible_registered.tif"]
 
 

@@ -62,7 +62,10 @@ def read(path: Path) -> Any:
 def test_an_accepted_run_writes_everything_and_says_so(orchard: Path, capsys: Output) -> None:
     assert main(["run", *surveys(orchard)]) == 0
     assert names(Path()) == ["treereg-out"]
-    assert names(Path("treereg-out")) == ["detections_registered.geojson", "registration.json", "tree_matches.geojson"]
+    assert names(Path("treereg-out")) == [
+        *("detections_registered.geojson", "registration.json", "report-data.json", "report.html"),
+        "tree_matches.geojson",
+    ]
     stdout, stderr = capsys.readouterr()
     assert stdout.startswith("accepted: ")
     assert "expected error" in stdout
@@ -109,7 +112,7 @@ def test_the_same_run_gives_the_same_bytes_at_any_number_of_threads(orchard: Pat
 
 def test_a_different_orchard_is_not_accepted_and_force_writes_all_the_same(other: Path, capsys: Output) -> None:
     assert main(["run", *surveys(other), "-q"]) == 3
-    assert names(Path("treereg-out")) == ["registration.json"]
+    assert names(Path("treereg-out")) == ["registration.json", "report-data.json", "report.html"]
     found = read(Path("treereg-out/registration.json"))
     assert found["verdict"] in ("failed", "ambiguous")
     if found["verdict"] == "failed":
@@ -177,7 +180,7 @@ def test_settings_from_a_file_and_the_command_line(orchard: Path) -> None:
         (["run", "--rasters", "jpeg"], "--rasters is jpeg, but must be cog or lossless or none"),
         (["run", "--resampling", "best"], "--resampling is best, but must be auto or nearest or bilinear"),
         (["run", "--extent", "all"], "--extent is all, but must be reference or source"),
-        (["run", "--report"], "No such option: --report"),
+        (["run", "--no-reports"], "No such option: --no-reports"),
         (["run", "--method", "ipc"], "there is no method 'ipc'; the nearest right expression is 'icp'."),
         (["run", "--method", "icp+confidence"], "nearest right expression is 'confidence+icp'"),
         (["run", "--start", "corse"], "there is no method 'corse'; did you mean 'coarse'?\n"),

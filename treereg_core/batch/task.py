@@ -16,6 +16,7 @@ from treereg_core.outputs import write_result
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
+from treereg_core.report import write_report
 from treereg_core.survey_rasters import raster_plan
 
 
@@ -48,13 +49,14 @@ def register_into_folder(order: Order, attempt: int, begin: float) -> Outcome:
         moving = raster_plan(surveys, work.rasters, folder) if work.rasters else None
         result = execute(plan, surveys, clock)
         written = write_result(result, folder, work.force, moving)
+        more = write_report(result, folder)
         said = (surveys[0].warnings, surveys[1].warnings, moving.warnings if moving else (), result.warnings)
         outcome = Outcome.of(
             order.orchard,
             result,
             seconds=round(time.monotonic() - begin, 3),
             attempts=attempt,
-            warnings=(*(warning for some in said for warning in some), *written.warnings),
+            warnings=(*(warning for some in said for warning in some), *written.warnings, *more),
         )
         write_record(folder, digest, outcome)
     return outcome

@@ -19,6 +19,7 @@ from treereg_core.cli.evaluate import evaluate
 from treereg_core.cli.help import Command, Commands, examples
 from treereg_core.cli.methods import methods
 from treereg_core.cli.misregister import misregister
+from treereg_core.cli.report import report
 from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
 from treereg_core.cli.series import series
@@ -61,6 +62,7 @@ for _command, _words in (
     (methods, "List what is installed, or the settings of one method."),
     (check, "Run the contract's laws on a method or a plugin."),
     (rows, "Find and number the planting rows of one survey."),
+    (report, "Make the page of a run again."),
     (series, "Register surveys of one orchard over time, and follow every tree."),
     (batch, "Register many orchards, on this machine or on a Dask cluster."),
     (evaluate, "Compare methods on the same trials with known misplacements."),

@@ -26,6 +26,7 @@ EXAMPLES: Mapping[str, Sequence[str]] = {
         "treereg apply registered/registration.json 2025/dem_10cm.tif --out moved",
         "treereg apply registered/registration.json 2025/raw-detections.geojson \\\n    --force --out moved-by-force",
     ),
+    "report": ("treereg report registered",),
     "methods": ("treereg methods", "treereg methods aco", "treereg methods --json"),
     "check": ("treereg check icp", "treereg check confidence+icp"),
     "rows": ("treereg rows 2024 --out rows-2024.geojson",),

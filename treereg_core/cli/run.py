@@ -43,6 +43,7 @@ from treereg_core.outputs import REGISTRATION, write_result
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
+from treereg_core.report import DATA, PAGE, write_report
 from treereg_core.settings import record
 from treereg_core.survey import Survey
 from treereg_core.survey_rasters import raster_plan
@@ -84,6 +85,9 @@ def run(
     extent: ExtentName = "reference",
     world_file: WorldFile = False,
     gcp_points: GcpPoints = False,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Write report.html, a page to look at, and its data.")
+    ] = True,
     force: Force = False,
     seed: Seed = 0,
     threads: Threads = None,
@@ -120,6 +124,8 @@ def run(
         written = write_result(result, folder, force, moving, console.share)
         for warning in written.warnings:
             console.warn(warning)
+        for warning in write_report(result, folder) if report else ():
+            console.warn(warning)
         error_m = true_error(result, truth) if truth else None
         text = (folder / REGISTRATION).read_bytes()
     if as_json:
@@ -127,7 +133,7 @@ def run(
         if error_m is not None:
             console.note(f"true error {error_m:.3f} m")
     else:
-        console.show(summary(result, out, written.names, error_m))
+        console.show(summary(result, out, (*written.names, *((PAGE, DATA) if report else ())), error_m))
     return 0 if result.accepted else 3
 
 

@@ -6,12 +6,12 @@
 `move_vector` moves a vector file;
 `write_rows` writes the rows of one survey, `read_series` reads the surveys of a series, `write_tree_table` and
 `write_tree_points` write its trees. `read_memory` and `write_memory` keep what an orchard's surveys taught.
-`read_images` and `read_checkpoints` read what evaluators compare.
+`read_images` and `read_checkpoints` read what evaluators compare, `read_preview` what a report shows.
 """
 
 from treereg_core.io.checkpoints import read_checkpoints
 from treereg_core.io.crs import full_coordinates
-from treereg_core.io.files import find_files
+from treereg_core.io.files import find_files, read_json
 from treereg_core.io.grid import Grid, Motion
 from treereg_core.io.images import read_image, read_images
 from treereg_core.io.memory import (
@@ -24,6 +24,7 @@ from treereg_core.io.memory import (
     write_memory,
 )
 from treereg_core.io.output import RUN_NAMES, SIMULATION_NAMES, OutputFolder
+from treereg_core.io.preview import Preview, read_preview
 from treereg_core.io.raster import Raster, read_raster
 from treereg_core.io.rasters import Extent, RasterJob, RasterOptions, check_raster_space, raster_job, raster_outline
 from treereg_core.io.reading import read_series, read_survey, read_surveys
@@ -41,6 +42,7 @@ __all__ = [
     "Grid",
     "Motion",
     "OutputFolder",
+    "Preview",
     "Raster",
     "RasterJob",
     "RasterOptions",
@@ -62,8 +64,10 @@ __all__ = [
     "read_checkpoints",
     "read_image",
     "read_images",
+    "read_json",
     "read_memory",
     "read_motion",
+    "read_preview",
     "read_raster",
     "read_series",
     "read_survey",

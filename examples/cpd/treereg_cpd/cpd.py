@@ -36,7 +36,7 @@ class Cpd(PointMatcher):
     models: ClassVar[frozenset[Model]] = frozenset({Model.RIGID})
 
     outliers: float = Field(
-        0.3, ge=0, lt=1, description="share of the reference's trees that are taken for strangers (w in the paper)"
+        0.1, ge=0, lt=1, description="share of the reference's trees that are taken for strangers (w in the paper)"
     )
     reach: float = Field(
         0.4,
@@ -45,7 +45,7 @@ class Cpd(PointMatcher):
         description="spread of partners about each other at the start, as a standard deviation per axis",
         json_schema_extra={"unit": "tree spacings"},
     )
-    rounds: int = Field(200, ge=1, le=10000, description="most rounds before it is said not to settle")
+    rounds: int = Field(100, ge=1, le=10000, description="most rounds before it is said not to settle")
     most_trees: int = Field(3000, ge=3, le=20000, description="surveys with more trees than this are refused")
 
     def register(self, pair: Pair, context: Context) -> Registration:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from treereg_core.cli.console import Verbose
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.errors import PluginError
 from treereg_core.expression import parse
 from treereg_core.method import Method
@@ -19,10 +20,13 @@ from treereg_core.settings import record
 
 
 def check(
+    context: typer.Context,
     target: Annotated[str, typer.Argument(metavar="NAME|EXPR|FILE.py", help="What to check.")],
+    plugin: Plugin = None,
     verbose: Verbose = False,
 ) -> int:
     """Run the contract's laws on a method, an expression or every method of a plugin file, and print each."""
+    use_plugins(context, plugin)
     chosen = list(targets(target, installed()))
     from treereg_core.testing import check as run_laws
 
@@ -47,9 +51,8 @@ def targets(target: str, registry: Registry) -> Iterator[tuple[str, Method]]:
         for entry in entries:
             if entry.problem:
                 raise PluginError(entry.problem)
-        own = Registry((*entries, *(e for e in registry.entries if e.name not in {entry.name for entry in entries})))
         for entry in entries:
-            yield from named(entry.name, own)
+            yield from named(entry.name, registry.under(entries))
     else:
         yield from named(target, registry)
 

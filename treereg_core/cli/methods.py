@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from treereg_core.cli.console import Verbose
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.judge import Judge
 from treereg_core.method import Method
 from treereg_core.network import Network
@@ -21,13 +22,16 @@ from treereg_core.settings import describe, range_in_words
 
 
 def methods(
+    context: typer.Context,
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="One of them, or `judge`, to see its settings.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
+    plugin: Plugin = None,
     verbose: Verbose = False,
 ) -> None:
     """List every installed method, recipe and evaluator; with NAME its settings, units, ranges, source and network."""
+    use_plugins(context, plugin)
     registry = installed()
     if name is None:
         rows = [as_plain(entry) for entry in registry.entries]

@@ -22,21 +22,21 @@ class Cpd(PointMatcher):
 
     The source's trees are the centres of a mixture of Gaussians that all have one spread, the reference's are drawn
     from it or are strangers; expectation maximisation moves the centres as one body. It begins at the placement that it
-    is given, with `reach` as the spread, which shrinks as the fit gets better. Lengths are reckoned in tree spacings,
-    so that a stranger is one to about the ground of a tree and `outliers` means what it says.
+    is given, with `reach` as the spread, which shrinks as the fit gets better. Lengths are in tree spacings, since
+    pycpd's even density of strangers is one to the unit of area.
 
     Good from a start within about half the tree spacing; like all matchers of points it is blind to the lattice, and
-    ends a tree or a row over from a start that is further off. Each tree is compared with each other tree: time and
-    memory grow with the product of both surveys. 1,500 trees each are a matter of seconds and 0.2 GB; more than
-    `most_trees` are refused, and `icp` is the method for them. Rows count through the placement that they give. Raises
-    `NoRegistration` where it has not settled, or has settled on no pairs.
+    ends a tree or a row over from a start that is further off. Each tree is compared with each other tree, so time and
+    memory (40 bytes for each such pair) grow with the product of both surveys: 1,500 trees each are a matter of seconds
+    and 0.1 GB, 3,000 of four times that. More than `most_trees` are refused; `icp` is the method for them. Matched rows
+    count through the placement that they give. Raises `NoRegistration` where it has not settled, or has no pairs left.
     """
 
     name = "cpd"
     models: ClassVar[frozenset[Model]] = frozenset({Model.RIGID})
 
     outliers: float = Field(
-        0.1, ge=0, lt=1, description="share of the reference's trees that are taken for strangers (w in the paper)"
+        0.3, ge=0, lt=1, description="share of the reference's trees that are taken for strangers (w in the paper)"
     )
     reach: float = Field(
         0.4,

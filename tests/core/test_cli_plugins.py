@@ -108,3 +108,12 @@ def test_the_environment_names_plugin_files_for_python_too(here: Path, monkeypat
     simulation = simulate_family("small_150_near", 0)
     result = register(simulation.reference, simulation.source, method="large_crowns+icp")
     assert result.to_json()["plugins"]["large_crowns"] == f"{here / 'crowns.py'} (file)"
+
+
+def test_check_does_not_say_of_a_law_that_it_holds_when_it_was_not_tried(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = CROWNS.read_text(encoding="utf-8").replace("needs_pair = False", "needs_pair = True")
+    Path("crowns.py").write_text(text, encoding="utf-8")
+    assert main(["check", "crowns.py"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "every law that could be tried (1 skipped) holds"

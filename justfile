@@ -37,6 +37,10 @@ calibration +files:
 methods +files:
     uv run python -m benchmarks.methods {{ files }}
 
+# Every method and start on every family, for docs/methods-compared.md: `just results --out results --seeds 20`
+results *arguments:
+    uv run python -m benchmarks.results {{ arguments }}
+
 # Rows against the true ones, and pictures of them: `just rows --family noisy --pictures pictures`
 rows *arguments:
     uv run python -m benchmarks.rows {{ arguments }}

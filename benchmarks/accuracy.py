@@ -2,10 +2,12 @@
 
     python -m benchmarks.accuracy --group ordinary --seeds 400 --out ordinary.csv
 
-Every trial is written as it finishes; the same command goes on where it was interrupted. `--start identity` shows plain
-matching from the files' own georeference, and gives many wrong placements for `benchmarks.calibration`. `--start near`
-does too, once each source was laid anew so that no row end lies further from its true place than 0.4 of the row spacing
-across the rows and two in-row spacings along them (families with a truth only). Exit code 1 when a trial crashed.
+`treereg evaluate` on simulated surveys, with another table and one start more. Every trial is written as it finishes,
+and a file may hold trials of several methods and starts; the same command goes on where it was interrupted. `--start
+identity` shows plain matching from the files' own georeference, and gives many wrong placements for
+`benchmarks.calibration`. `--start near` does too, once each source was laid anew so that no row end lies further from
+its true place than 0.4 of the row spacing across the rows and two in-row spacings along them (families with a truth
+only, each under the name `near NAME`). Exit code 1 when a trial crashed.
 """
 
 from __future__ import annotations
@@ -14,17 +16,23 @@ import argparse
 import math
 import statistics
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.processes import spread
+from benchmarks.processes import told
+from benchmarks.starts import GROUPS, NEAR, Near
 from benchmarks.table import percent, table
-from benchmarks.trial import CRASHED, NEAR, Conditions, Trial, append, plan, read_trials, run_trial, write_header
-from treereg_core.errors import TreeregError, UsageError
+from treereg_core.cli.evaluate import families_of, setups_of
+from treereg_core.errors import TreeregError
+from treereg_core.evaluation import Families, Study, Trial, run_all
+from treereg_core.evaluation.case import Source
+from treereg_core.evaluation.page import label
+from treereg_core.evaluation.summary import Line
+from treereg_core.evaluation.trial import CRASHED
 from treereg_core.options import defaults
+from treereg_core.plan import IDENTITY
 from treereg_core.simulate import FAMILIES
 
-Task = tuple[str, int]
 HEADER = ("family", "trials", "right", "silent", "flagged", "failed", "error", "fit", "ratio", "coverage", "seconds")
 LEGEND = """\
 right     share of all trials with an error below 0.5 m or 1.25 times that of the fit with true pairs
@@ -37,27 +45,25 @@ seconds   median on one thread, simulation apart"""
 
 
 def main() -> int:
-    """Run the trials that are missing and print the table."""
+    """Run the trials that are missing and print a table for each method."""
     options = arguments()
-    conditions = Conditions(options.method, options.start, options.georeference_sd)
-    names = list(chosen(options.family, options.group))
-    if options.start == NEAR:
-        names = [name for name in names if FAMILIES[name].group != "absent"]
-    # Seed by seed, so that an interrupted run has trials of every family.
+    near = options.start == NEAR
+    names = families_of([*(options.family or ()), *(options.group or ())] or list(FAMILIES))
+    source: Source = Near(names) if near else Families(names)
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    wanted = [(name, seed) for seed in seeds for name in names]
     try:
-        plan(conditions)
-        trials = resumed(options.out, conditions, wanted)
+        how = (options.method or [defaults()["method"]], [IDENTITY if near else options.start])
+        study = Study(source, setups_of({"georeference_sd": options.georeference_sd, "settings": {}}, how, None), seeds)
+        trials = run_all(study, options.out, options.jobs, told)
     except TreeregError as error:
         print(error, file=sys.stderr)
         return 2
-    done = {(trial.family, trial.seed) for trial in trials}
-    for trial in spread(run_trial, [(conditions, *task) for task in wanted if task not in done], options.jobs):
-        trials.append(trial)
-        if options.out:
-            append(options.out, trial)
-    print(report(trials, names))
+    by_label: dict[str, list[Trial]] = {}
+    for trial in trials:
+        by_label.setdefault(label(trial), []).append(trial)
+    for name, some in by_label.items():
+        print(f"{name}\n\n{report(some)}\n")
+    print(LEGEND)
     return 1 if any(trial.verdict == CRASHED for trial in trials) else 0
 
 
@@ -67,71 +73,48 @@ def arguments() -> argparse.Namespace:
         "benchmarks.accuracy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     groups = list(dict.fromkeys(family.group for family in FAMILIES.values()))
-    add = parser.add_argument
+    start, add = defaults()["start"], parser.add_argument
     add("--family", action="append", choices=list(FAMILIES), metavar="NAME", help="repeatable; default: all")
     add("--group", action="append", choices=groups, help="all families of a group; repeatable")
     add("--seeds", type=int, default=20, metavar="N", help="trials of each family (default 20)")
     add("--first-seed", type=int, default=0, metavar="K", help="seeds from here on (default 0)")
-    add("--method", default=defaults()["method"], metavar="EXPR", help="default: that of treereg run")
-    add(
-        "--start",
-        default=defaults()["start"],
-        metavar="NAME",
-        help="default: that of treereg run; or identity, or near",
-    )
-    add("--georeference-sd", type=float, default=math.inf, metavar="METRES", help="as in treereg run")
+    add("--method", action="append", metavar="EXPR", help="repeatable; default: that of treereg run")
+    add("--start", default=start, metavar="NAME", help="default: that of treereg run; or identity, or near")
+    add("--georeference-sd", type=float, metavar="METRES", help="as in treereg run")
     add("--jobs", type=int, default=2, metavar="N", help="processes, one thread each (default 2)")
     add("--out", type=Path, metavar="FILE.csv", help="one row per trial; trials that it already holds are not repeated")
     return parser.parse_args()
 
 
-def chosen(families: Sequence[str] | None, groups: Sequence[str] | None) -> Iterator[str]:
-    """The families asked for by name or by group, all when none are, in their own order."""
-    for name, family in FAMILIES.items():
-        if not (families or groups) or name in (families or ()) or family.group in (groups or ()):
-            yield name
-
-
-def resumed(out: Path | None, conditions: Conditions, wanted: Iterable[Task]) -> list[Trial]:
-    """The wanted trials that a file already holds. `UsageError` when it holds trials under other conditions."""
-    if out is None:
-        return []
-    write_header(out)
-    trials = read_trials([out])
-    for trial in trials:
-        if Conditions(trial.method, trial.start, trial.georeference_sd) != conditions:
-            raise UsageError(f"{out} holds trials of {trial.method} from {trial.start}; give another file.")
-    tasks = set(wanted)
-    return [trial for trial in trials if (trial.family, trial.seed) in tasks]
-
-
-def report(trials: Sequence[Trial], names: Sequence[str]) -> str:
-    """The table, with a line for each group and what its columns mean."""
-    rows = [line(name, [t for t in trials if t.family == name]) for name in names]
-    for group in dict.fromkeys(FAMILIES[name].group for name in names):
-        rows.append(line(f"all {group}", [t for t in trials if FAMILIES[t.family].group == group]))
+def report(trials: Sequence[Trial]) -> str:
+    """The table of one method and start, with a line for each group."""
+    names = [name for name in GROUPS if any(trial.name == name for trial in trials)]
+    rows = [line(name, [t for t in trials if t.name == name]) for name in names]
+    for group in dict.fromkeys(GROUPS[name] for name in names):
+        rows.append(line(f"all {group}", [t for t in trials if GROUPS[t.name] == group]))
     crashed = sum(trial.verdict == CRASHED for trial in trials)
     warning = f"\nCRASHED: {crashed} trials, counted as not right." if crashed else ""
-    return f"{table(HEADER, rows)}\n\n{LEGEND}{warning}"
+    return f"{table(HEADER, rows)}{warning}"
 
 
-def line(name: str, trials: Sequence[Trial]) -> Sequence[str]:
+def line(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
     """One line of the table."""
+    of = Line.of(trials, name)
     right = [trial for trial in trials if trial.right]
     error = statistics.median(t.error for t in right) if right else math.nan
     fit = statistics.median(t.fit_error for t in right) if right else math.nan
     return (
         name,
-        str(len(trials)),
-        percent(len(right), len(trials)),
-        str(sum(t.accepted and not t.right for t in trials)),
-        percent(sum(not t.accepted for t in right), len(right)),
-        percent(sum(t.verdict == "failed" for t in trials), len(trials)),
+        str(of.trials),
+        percent(of.right.count, of.right.of),
+        str(of.silent),
+        percent(of.flagged.count, of.flagged.of),
+        percent(of.failed.count, of.failed.of),
         f"{error:.3f}" if right else "-",
         f"{fit:.3f}" if right else "-",
         f"{error / fit:.2f}" if right else "-",
-        percent(sum(t.ci_low <= t.error <= t.ci_high for t in right), len(right)),
-        f"{statistics.median(t.seconds for t in trials):.2f}" if trials else "-",
+        percent(of.covered.count, of.covered.of),
+        f"{of.seconds:.2f}" if of.seconds is not None else "-",
     )
 
 

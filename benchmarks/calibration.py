@@ -12,9 +12,10 @@ import sys
 from collections.abc import Sequence
 from itertools import pairwise
 
+from benchmarks.given import trials_given
+from benchmarks.starts import GROUPS
 from benchmarks.table import percent, table
-from benchmarks.trial import Trial, trials_given
-from treereg_core.simulate import FAMILIES
+from treereg_core.evaluation import Trial
 from treereg_core.statistics import upper_bound, wilson
 
 EDGES = (0.0, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
@@ -59,11 +60,11 @@ def reliability(trials: Sequence[Trial]) -> str:
 
 def silence(trials: Sequence[Trial]) -> str:
     """How many accepted placements are wrong, and how many could be for all that was seen."""
-    groups = list(dict.fromkeys(FAMILIES[trial.family].group for trial in trials))
+    groups = list(dict.fromkeys(GROUPS[trial.name] for trial in trials))
     rows = []
     for name in (*groups, "all"):
-        accepted = [t for t in trials if t.accepted and name in ("all", FAMILIES[t.family].group)]
-        wrong = sum(not t.right for t in accepted)
+        accepted = [t for t in trials if t.accepted and name in ("all", GROUPS[t.name])]
+        wrong = sum(t.silent for t in accepted)
         bound = f"{100 * upper_bound(wrong, len(accepted)):.2f} %" if accepted else "-"
         rows.append((name, str(len(accepted)), str(wrong), bound))
     return table(("group", "accepted", "wrong", "at most, with 95 %"), rows)
@@ -71,12 +72,12 @@ def silence(trials: Sequence[Trial]) -> str:
 
 def coverage(right: Sequence[Trial]) -> str:
     """How often the interval holds the true error, by family."""
-    names = [name for name in FAMILIES if any(trial.family == name for trial in right)]
+    names = [name for name in GROUPS if any(trial.name == name for trial in right)]
     plain = [trial for trial in right if trial.bend == 0]
-    parts = [(name, [trial for trial in right if trial.family == name]) for name in names]
+    parts = [(name, [trial for trial in right if trial.name == name]) for name in names]
     rows = []
     for name, part in (*parts, ("all without distortion", plain)):
-        inside = sum(t.ci_low <= t.error <= t.ci_high for t in part)
+        inside = sum(t.covered for t in part)
         below, above = sum(t.error < t.ci_low for t in part), sum(t.error > t.ci_high for t in part)
         lower, upper = wilson(inside, len(part))
         rows.append(

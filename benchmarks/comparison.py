@@ -17,10 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.given import read_trials
+from benchmarks.starts import GROUPS
 from benchmarks.table import percent, table
-from benchmarks.trial import CRASHED, Trial, read_trials
 from treereg_core.errors import UsageError
-from treereg_core.simulate import FAMILIES
+from treereg_core.evaluation import Trial
+from treereg_core.evaluation.trial import CRASHED
 from treereg_core.statistics import wilson
 from treereg_core.transform import FloatArray
 
@@ -59,14 +61,14 @@ def main() -> int:
 
 def report(trials: Sequence[Trial], against: Sequence[str] | None = None) -> str:
     """The table of trials from one start; families without a truth have nothing to compare, and are left out."""
-    names = [name for name in FAMILIES if any(trial.family == name for trial in trials)]
-    names = [name for name in names if FAMILIES[name].group != "absent"]
+    names = [name for name in GROUPS if any(trial.name == name for trial in trials)]
+    names = [name for name in names if GROUPS[name] != "absent"]
     parts = [(name, [name]) for name in names]
-    for group in dict.fromkeys(FAMILIES[name].group for name in names):
-        parts.append((f"all {group}", [name for name in names if FAMILIES[name].group == group]))
+    for group in dict.fromkeys(GROUPS[name] for name in names):
+        parts.append((f"all {group}", [name for name in names if GROUPS[name] == group]))
     lines = []
     for title, families in parts:
-        tried = shared([trial for trial in trials if trial.family in families])
+        tried = shared([trial for trial in trials if trial.name in families])
         best = best_of({method: tried[method] for method in tried if not against or method in against} or tried)
         for method, by_task in tried.items():
             lines.append((title, *line(method, by_task, None if method == best else tried[best])))
@@ -77,7 +79,7 @@ def shared(trials: Iterable[Trial]) -> dict[str, ByTask]:
     """By method, the trials of the families and seeds that all methods tried."""
     tried: dict[str, dict[Task, Trial]] = {}
     for trial in trials:
-        tried.setdefault(trial.method, {})[trial.family, trial.seed] = trial
+        tried.setdefault(trial.method, {})[trial.name, trial.seed] = trial
     tasks = sorted(set.intersection(*(set(by_task) for by_task in tried.values())))
     return {method: {task: by_task[task] for task in tasks} for method, by_task in tried.items()}
 
@@ -107,7 +109,7 @@ def line(method: str, by_task: ByTask, best: ByTask | None) -> tuple[str, ...]:
         str(len(by_task)),
         percent(len(right), len(by_task)),
         f"{100 * low:.1f} to {100 * high:.1f} %",
-        str(sum(t.accepted and not t.right for t in by_task.values())),
+        str(sum(t.silent for t in by_task.values())),
         *with_interval(right, of_medians),
         *paired,
         won,

@@ -13,7 +13,6 @@ elevations of the reference lie in the folders of both surveys.
 from __future__ import annotations
 
 import argparse
-import math
 import shutil
 import sys
 import tempfile
@@ -26,12 +25,13 @@ from scipy.spatial import cKDTree
 
 from benchmarks.processes import spread
 from benchmarks.table import table
-from benchmarks.trial import Conditions, best_error, is_right, plan
 from treereg_core.api import execute
+from treereg_core.evaluation.case import of_simulation
+from treereg_core.evaluation.trial import plan_of
 from treereg_core.features import FeatureSet, nearest
 from treereg_core.heights import HEIGHT
 from treereg_core.io import read_surveys
-from treereg_core.options import defaults
+from treereg_core.options import Options, defaults
 from treereg_core.pipeline import Clock
 from treereg_core.simulate import FAMILIES, Scene, Simulation, family_scene, simulate, write_simulation
 from treereg_core.simulate.flight import Flight
@@ -105,14 +105,11 @@ def trial(how: How, family: str, seed: int) -> tuple[Outcome, Outcome]:
     simulation, told = with_one_raster(seed) if family == ONE_RASTER else with_heights(how, family, seed)
     plain = (simulation.reference, simulation.source)
     reference, source = (s.replace(attributes={NAME: h}) for s, h in zip(plain, told, strict=True))
-    conditions = Conditions(defaults()["method"], how.start, math.inf)
+    case, plan = of_simulation(simulation, family), plan_of(Options(start=how.start))
     outcomes = []
     for heights, surveys in ((False, plain), (True, (reference, source))):
-        said = execute(plan(conditions), surveys, Clock()).judgement
-        none = simulation.truth is None or said.transform is None
-        error = math.nan if none or said.transform is None else simulation.error(said.transform)
-        right = is_right(error, best_error(simulation), simulation.bend)
-        outcomes.append(Outcome(family, heights, right, said.verdict.value == "accepted"))
+        said = execute(plan, surveys, Clock()).judgement
+        outcomes.append(Outcome(family, heights, case.right(said.transform), said.verdict.value == "accepted"))
     return outcomes[0], outcomes[1]
 
 

@@ -15,8 +15,8 @@ from treereg_bn_landmarks.landmarks import probabilities
 
 from benchmarks.landmarks import BINS, chosen, true_landmarks
 from benchmarks.series_pairs import pair_of
-from benchmarks.trial import best_error, is_right
 from treereg_core.api import execute
+from treereg_core.evaluation.case import of_simulation
 from treereg_core.features import FeatureSet
 from treereg_core.method import Context
 from treereg_core.options import Options
@@ -158,15 +158,14 @@ def measured(pair: Simulation, memory: Path | None, max_failure: float = USUAL) 
     probability = np.concatenate(probabilities(here, context))
     kept = chosen(Landmarks(), here, context)
     said = execute(plan, surveys, Clock()).judgement
-    error = pair.error(said.transform) if said.transform else math.inf
-    best = best_error(pair)
+    case = of_simulation(pair, METHOD)
     at = np.minimum((probability * BINS).astype(int), BINS - 1)
     return Measured(
         precision=float(truth[kept].mean()),
         brier=float(((probability - truth) ** 2).mean()),
         bins=np.column_stack([np.bincount(at, what, BINS) for what in (np.ones(len(at)), probability, truth)]),
-        error=error,
-        best=best,
+        error=case.error(said.transform) if said.transform else math.inf,
+        best=case.fit_error,
         accepted=said.failure_probability <= USUAL,
-        right=is_right(error, best, pair.bend),
+        right=case.right(said.transform),
     )

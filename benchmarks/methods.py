@@ -1,117 +1,100 @@
-"""Methods and starts side by side: one table over files of trials.
+"""Methods and starts side by side, as tables of Markdown over files of trials.
 
     python -m benchmarks.accuracy --method aco+icp --start near --out near.csv
     python -m benchmarks.methods near.csv coarse.csv identity.csv
 
-Reads what `benchmarks.accuracy --out` wrote, any number of files with trials of any methods and starts.
+Reads what `benchmarks.accuracy --out` or `treereg evaluate` wrote, any number of files with simulated trials of any
+methods and starts.
 """
 
 from __future__ import annotations
 
-import math
 import statistics
 import sys
 from collections.abc import Iterable, Sequence
-from itertools import groupby
 
-from benchmarks.table import percent, table
-from benchmarks.trial import CRASHED, RIGHT_M, Trial, trials_given
-from treereg_core.plan import IDENTITY
-from treereg_core.simulate import FAMILIES
-from treereg_core.statistics import upper_bound
+from benchmarks.given import trials_given
+from benchmarks.pages import markdown
+from benchmarks.starts import GROUPS, NEAR, PREFIX
+from treereg_core.evaluation import Trial
+from treereg_core.evaluation.page import in_words, silent_in_words
+from treereg_core.evaluation.summary import ALL, Line
+from treereg_core.evaluation.trial import CRASHED
 
-LEGEND = f"""\
-Share of trials that are right, in per cent, by start and method; [n]: so many are accepted and wrong, in silence.
-coarse    from the global search
-identity  from the files' own georeference, as the families have it
-near      from the files' own georeference, the source laid anew so that no row end lies further from its true place
-          than 0.4 of the row spacing across the rows and two in-row spacings along them; "of these near" are the
-          trials from the identity, (so many), in which that holds as it is
-In the second table `within {RIGHT_M} m` is the share with a true error below that; ratio: the median error of the right
-against that of the fit with true pairs; flagged: not accepted though right, share of the right."""
-
-Column = tuple[str, str, bool]
-"""Start, method, and whether only trials with a near start count."""
+OVERALL = (
+    *("start", "method", "trials", "right", "silent", "flagged", "error / best fit", "coverage", "crashed", "seconds"),
+)
+LEGEND = """\
+Right: an error below 0.5 m or 1.25 times that of the fit with the true pairs. Silent: accepted though wrong, a count of
+all trials, those without a truth too, and the 95 % upper bound of its share among the accepted. Flagged: not accepted
+though right, share of the right. Error / best fit: the median error of the right over that of the fit with the true
+pairs. Coverage: how often the 95 % interval of the expected error holds the true one, among the right. Seconds: median
+on one thread. In square brackets 95 % intervals (Wilson)."""
+CELLS = "Per cent of the trials that are right, and in brackets how many are accepted though wrong."
 
 
 def main() -> int:
     """Print the tables."""
     trials = trials_given("benchmarks.methods", __doc__)
-    print(f"{by_family(trials)}\n\n{overall(trials)}\n\n{LEGEND}")
+    print(tables(trials))
     return 1 if any(trial.verdict == CRASHED for trial in trials) else 0
 
 
-def columns(trials: Iterable[Trial]) -> list[Column]:
-    """Every start and method that was tried, in the order in which they come; the identity's near trials once more."""
-    found = list(dict.fromkeys((trial.start, trial.method) for trial in trials))
-    starts = list(dict.fromkeys(start for start, _ in found))
-    blocks = [(start, near) for start in starts for near in ([False, True] if start == IDENTITY else [False])]
-    return [(start, method, near) for start, near in blocks for of_start, method in found if of_start == start]
+def tables(trials: Sequence[Trial]) -> str:
+    """One table over all trials with a truth, then for each start a table of the families."""
+    parts = ["### All families with a truth", overall(trials), LEGEND]
+    for start in dict.fromkeys(map(begun, trials)):
+        parts += [f"### From `{start}`", by_family([trial for trial in trials if begun(trial) == start]), CELLS]
+    return "\n\n".join(parts)
 
 
-def of(column: Column, trials: Iterable[Trial]) -> list[Trial]:
-    """The trials of a column."""
-    start, method, near = column
-    return [t for t in trials if (t.start, t.method) == (start, method) and (t.near_start or not near)]
+def begun(trial: Trial) -> str:
+    """Its start; `near` for the identity after the source was laid anew."""
+    return NEAR if trial.name.startswith(PREFIX) else trial.start
+
+
+def overall(trials: Iterable[Trial]) -> str:
+    """A line per start and method."""
+    groups: dict[str, dict[str, list[Trial]]] = {}
+    for trial in trials:
+        groups.setdefault(begun(trial), {}).setdefault(trial.method, []).append(trial)
+    rows = []
+    for start, method, every in ((start, *one) for start, by_method in groups.items() for one in by_method.items()):
+        line = Line.of([trial for trial in every if GROUPS[trial.name] != "absent"] or every, ALL)
+        rows.append(
+            (
+                *(f"`{start}`", f"`{method}`", str(line.trials), in_words(line.right)),
+                *(silent_in_words(Line.of(every, ALL)), in_words(line.flagged)),
+                f"{line.ratio:.2f}" if line.ratio is not None else "-",
+                *(in_words(line.covered), str(line.crashed)),
+                f"{line.seconds:.2f}" if line.seconds is not None else "-",
+            )
+        )
+    return markdown(OVERALL, rows, 2)
 
 
 def by_family(trials: Sequence[Trial]) -> str:
-    """A line per family and group, a column per start and method; trials with a near start apart."""
-    names = [name for name in FAMILIES if any(trial.family == name for trial in trials)]
-    parts = [(name, [trial for trial in trials if trial.family == name]) for name in names]
-    for group in dict.fromkeys(FAMILIES[name].group for name in names):
-        parts.append((f"all {group}", [trial for trial in trials if FAMILIES[trial.family].group == group]))
-    parts.append(("all with a truth", with_truth(trials)))
-
-    header, lines = ["family"], [[name] for name, _ in parts]
-    for (start, near), of_block in groupby(columns(trials), key=lambda column: (column[0], column[2])):
-        block = list(of_block)
-        header += ["of these near" if near else start, *(method for _, method, _ in block)]
-        for line, (_, part) in zip(lines, parts, strict=True):
-            inside = [of(column, part) for column in block]
-            line += [f"({max(map(len, inside))})", *map(cell, inside)]
-    return table(header, lines)
-
-
-def with_truth(trials: Iterable[Trial]) -> list[Trial]:
-    """The trials in which there is a placement to be found."""
-    return [trial for trial in trials if FAMILIES[trial.family].group != "absent"]
+    """A line per family, each group's own line below its families, and a column per method."""
+    methods = list(dict.fromkeys(trial.method for trial in trials))
+    names = [name for name in GROUPS if any(trial.name == name for trial in trials)]
+    parts = []
+    for group in dict.fromkeys(GROUPS[name] for name in names):
+        mine = [name for name in names if GROUPS[name] == group]
+        parts += [(f"`{name}`", [name]) for name in mine] + [(f"**all {group}**", mine)]
+    rows = []
+    for title, some in parts:
+        inside = [trial for trial in trials if trial.name in some]
+        by_method = [[trial for trial in inside if trial.method == method] for method in methods]
+        rows.append((title, str(max(map(len, by_method))), *map(cell, by_method)))
+    return markdown(("family", "trials", *(f"`{method}`" for method in methods)), rows, 1)
 
 
 def cell(trials: Sequence[Trial]) -> str:
-    """The share right, and how many are wrong in silence."""
+    """The share right, and how many are wrong in silence; no share where there is no truth."""
     if not trials:
         return "-"
-    silent = sum(trial.accepted and not trial.right for trial in trials)
-    return f"{100 * statistics.fmean(trial.right for trial in trials):.1f}" + (f" [{silent}]" if silent else "")
-
-
-def overall(trials: Sequence[Trial]) -> str:
-    """A line per start and method over all families that have a truth."""
-    lines = []
-    for column in columns(trials):
-        inside = of(column, with_truth(trials))
-        right = [trial for trial in inside if trial.right]
-        silent = sum(trial.accepted and not trial.right for trial in inside)
-        accepted = sum(trial.accepted for trial in inside)
-        error = statistics.median(trial.error for trial in right) if right else math.nan
-        fit = statistics.median(trial.fit_error for trial in right) if right else math.nan
-        lines.append(
-            (
-                f"{column[0]}{', near' if column[2] else ''}: {column[1]}",
-                str(len(inside)),
-                percent(len(right), len(inside)),
-                percent(sum(trial.error < RIGHT_M for trial in inside), len(inside)),
-                f"{error / fit:.2f}" if right else "-",
-                percent(sum(not trial.accepted for trial in right), len(right)),
-                str(silent),
-                f"{100 * upper_bound(silent, accepted):.2f} %" if accepted else "-",
-                str(sum(trial.verdict == CRASHED for trial in inside)),
-                f"{statistics.median(trial.seconds for trial in inside):.2f}" if inside else "-",
-            )
-        )
-    header = ("start: method", "trials", "right", f"within {RIGHT_M} m", "ratio", "flagged", "silent", "at most")
-    return table((*header, "crashed", "seconds"), lines)
+    share = "-" if GROUPS[trials[0].name] == "absent" else f"{100 * statistics.fmean(t.right for t in trials):.1f}"
+    return f"{share} ({sum(trial.silent for trial in trials)})"
 
 
 if __name__ == "__main__":

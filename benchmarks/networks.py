@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ import treereg_bn_rows.counts
 import treereg_bn_rows.structure
 
 from benchmarks.network_pictures import LAYOUTS, picture
+from benchmarks.pages import filled, markdown
 from treereg_core.network import Network, Node
 from treereg_core.transform import FloatArray
 
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.parse_args(arguments)
     for name, known in networks().items():
         picture(known.network, LAYOUTS[name], DOCS / "img" / f"{name}.png")
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), contents()), encoding="utf-8")
     return 0
 
 
@@ -67,18 +68,12 @@ def networks() -> dict[str, Known]:
     }
 
 
-def filled(page: str) -> str:
-    """The page with what stands between its marks made anew. `ValueError` when a mark is missing."""
+def contents() -> dict[str, str]:
+    """What stands between the page's marks, by their names."""
     known = networks()
     texts = {name: "\n\n".join(section(name, one)) for name, one in known.items()}
     texts["example"] = example(known["bn_rows"], EXAMPLE)
-    for name, text in texts.items():
-        before, begin, rest = page.partition(f"<!-- {name} -->\n")
-        _, end, after = rest.partition(f"<!-- /{name} -->\n")
-        if not (begin and end):
-            raise ValueError(f"{PAGE.name} lacks the marks <!-- {name} --> and <!-- /{name} -->")
-        page = f"{before}{begin}\n{text}\n\n{end}{after}"
-    return page
+    return texts
 
 
 def section(name: str, known: Known) -> Iterator[str]:
@@ -109,13 +104,6 @@ def table(known: Known, node: Node) -> list[str]:
     ]
     header = (*(f"`{parent}`" for parent in node.parents), *(f"**{state}**" for state in node.states), "seen")
     return markdown(header, rows, len(node.parents)).splitlines()
-
-
-def markdown(header: Sequence[str], rows: Iterable[Sequence[str]], left: int | None = None) -> str:
-    """A table of Markdown: so many columns flush left, all by default, the others flush right."""
-    left = len(header) if left is None else left
-    rule = ["---"] * left + ["---:"] * (len(header) - left)
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
 
 
 def folded(lines: list[str]) -> str:

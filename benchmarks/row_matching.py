@@ -24,8 +24,8 @@ import numpy as np
 from benchmarks.processes import spread
 from benchmarks.row_trial import ready, timed
 from benchmarks.table import percent, table
-from benchmarks.trial import best_error, is_right
 from treereg_core.errors import NoRegistration
+from treereg_core.evaluation.case import of_simulation
 from treereg_core.features import FeatureSet
 from treereg_core.judge import Judge
 from treereg_core.method import Context, RowMatcher
@@ -37,7 +37,7 @@ from treereg_core.rows import NearestRows
 from treereg_core.simulate import FAMILIES, Simulation, simulate_family
 from treereg_core.statistics import wilson
 from treereg_core.testing.scenes import off, row_of_trees
-from treereg_core.transform import Affine, Rigid
+from treereg_core.transform import Rigid
 
 USUAL = ("rotation_any", "noisy", "curved", "overlap_60", "bare_rectangle", "small_150")
 MATCHERS = ("bn_rows", "nearest_rows")
@@ -142,11 +142,7 @@ def trial(simulation: Simulation, pair: Pair, about: MatchTrial) -> MatchTrial:
         return about
     seconds = time.perf_counter() - begin
     results = [along_rows(one, context) for one in found]
-    best = best_error(simulation)
-
-    def right(transform: Affine | None) -> bool:
-        return transform is not None and is_right(simulation.error(transform), best, simulation.bend)
-
+    right = of_simulation(simulation, about.family).right
     good = [right(one.transform) for one in results]
     plain = Pair(pair.reference, pair.source)
     said = Judge().judge(plain, results, context, Options().max_failure)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from benchmarks.edges import truths
+from treereg_core.evaluation.case import Case, of_simulation
 from treereg_core.features import IntArray
-from treereg_core.simulate import Scene, Simulation
+from treereg_core.simulate import FAMILIES, Scene, Simulation, simulate_family
 from treereg_core.transform import FloatArray, Rigid, Transform
 
 ACROSS = 0.4
@@ -19,6 +21,12 @@ ALONG = 2.0
 INWARD = 4
 """The direction of a row at its end is that from the last tree to the one so many trees further in."""
 TRIES = 100_000
+
+NEAR = "near"
+PREFIX = f"{NEAR} "
+"""Names of cases whose source was laid anew begin with it."""
+GROUPS = {prefix + name: prefix + family.group for prefix in ("", PREFIX) for name, family in FAMILIES.items()}
+"""The group of each name of a case."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,3 +103,21 @@ def brought_near(simulation: Simulation, rng: np.random.Generator) -> Simulation
             flights = (reference, replace(flight, displacement=flight.displacement.then(laid)))
             return replace(simulation, source=source, truth=disturbed.inverse(), flights=flights)
     raise ValueError(f"no near start in {TRIES} tries")
+
+
+@dataclass(frozen=True)
+class Near:
+    """Cases of families with a truth, the source laid anew so that the files' own georeference is a near start."""
+
+    families: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The families' names behind the prefix."""
+        return tuple(PREFIX + name for name in self.families if FAMILIES[name].group != "absent")
+
+    def case(self, name: str, seed: int) -> Case:
+        """A simulated pair of surveys with its truth."""
+        family = name.removeprefix(PREFIX)
+        rng = np.random.default_rng([zlib.crc32(family.encode()), seed, 1])
+        return of_simulation(brought_near(simulate_family(family, seed), rng), name)

@@ -7,17 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import accuracy, calibration, comparison, methods
-from benchmarks.starts import brought_near, is_near, row_ends
-from benchmarks.trial import Conditions, Trial, append, is_right, plan, read_trials, run_trial, write_header
+from benchmarks import accuracy, calibration, comparison, methods, results
+from benchmarks.given import read_trials
+from benchmarks.pages import filled
+from benchmarks.starts import GROUPS, Near, brought_near, is_near, row_ends
 from treereg_core.errors import UsageError
+from treereg_core.evaluation import Families, Study, Trial, run_trial
+from treereg_core.evaluation.case import is_right
+from treereg_core.evaluation.log import Log
+from treereg_core.options import Options
 from treereg_core.simulate import Scene, simulate, simulate_family
 from treereg_core.statistics import upper_bound, wilson
 from treereg_core.transform import Rigid
 
-ICP = Conditions("icp", "coarse", math.inf)
-ABOUT = {"family": "shift_3", "seed": 1, "trees": 100, "near_start": True, "verdict": "accepted"}
-TRIAL = Trial(**vars(ICP), **ABOUT, right=True, bend=0.0)
+ICP = Options(method="icp")
+MISPLACED = {"rotation_deg": 0.5, "translation_m": 2.0, "misplaced": 2.0}
+TRIAL = Trial("icp", "coarse", "0", "shift_3", 1, 100, **MISPLACED, verdict="accepted", right=True, bend=0.0)
+
+
+def write(path, trials):
+    """A file of trials, as the harness writes it."""
+    Log(path, Study(Families(), (ICP,), range(1))).append(trials)
 
 
 def test_wilson_against_published_values():
@@ -50,55 +60,38 @@ def test_right_is_half_a_metre_or_near_the_fit_with_true_pairs(error, fit_error,
     assert is_right(error, fit_error, bend) is right
 
 
-def test_a_trial_knows_its_truth():
-    trial = run_trial(ICP, "shift_06", 3)
-    assert trial.verdict == "accepted"
-    assert trial.right
-    assert 0 < trial.error < 0.1
-    assert trial.ci_low < trial.expected_rms < trial.ci_high
-    assert 0 < trial.seconds < 60
-    lost = run_trial(replace(ICP, start="identity"), "rotation_any", 3)
-    assert not lost.right
-    assert math.isnan(run_trial(ICP, "different", 3).error)
+def test_a_crash_is_counted_not_hidden():
+    crashed = replace(TRIAL, name="small_60", verdict="crashed", right=False)
+    assert "CRASHED: 1 trials" in accuracy.report([crashed, replace(TRIAL, name="small_60")])
 
 
-def test_a_crash_is_counted_not_hidden(monkeypatch, capsys):
-    def crash(*_):
-        raise ZeroDivisionError("on purpose")
-
-    monkeypatch.setattr("benchmarks.trial.execute", crash)
-    trial = run_trial(ICP, "small_60", 0)
-    assert (trial.verdict, trial.right) == ("crashed", False)
-    assert "small_60 seed 0: ZeroDivisionError: on purpose" in capsys.readouterr().err
-    assert "CRASHED: 1 trials" in accuracy.report([trial], ["small_60"])
-
-
-def test_trials_survive_their_file(tmp_path):
+def test_a_file_that_holds_no_trials_is_refused(tmp_path):
     path = tmp_path / "trials.csv"
-    trials = [TRIAL, replace(TRIAL, seed=2, right=False, verdict="ambiguous", error=0.25, failure_probability=0.125)]
-    write_header(path)
-    for trial in trials:
-        append(path, trial)
-    write_header(path)
-    assert repr(read_trials([path])) == repr(trials)
+    write(path, [TRIAL])
+    assert read_trials([path, path])[0].name == "shift_3"
     path.write_text("a,b\n1,2\n")
-    with pytest.raises(UsageError, match=r"trials\.csv"):
-        read_trials([path])
+    for file in (path, tmp_path / "none.csv"):
+        with pytest.raises(UsageError, match=file.name):
+            read_trials([file])
 
 
 def test_an_interrupted_run_goes_on(tmp_path, monkeypatch, capsys):
     out = tmp_path / "trials.csv"
-    arguments = ["accuracy", "--family", "small_60", "--jobs", "1", "--out", str(out), "--seeds"]
+    arguments = ["accuracy", "--family", "small_60", "--method", "icp", "--jobs", "1", "--out", str(out), "--seeds"]
     monkeypatch.setattr(sys, "argv", [*arguments, "1"])
     assert accuracy.main() == 0
     first = out.read_text()
-    monkeypatch.setattr(sys, "argv", [*arguments, "2"])
+    monkeypatch.setattr(sys, "argv", [*arguments, "2", "--method", "confidence+icp"])
     assert accuracy.main() == 0
     assert out.read_text().startswith(first)
-    assert [trial.seed for trial in read_trials([out])] == [0, 1]
-    monkeypatch.setattr(sys, "argv", [*arguments, "2", "--start", "identity"])
+    assert sorted((trial.method, trial.seed) for trial in read_trials([out])) == [
+        *(("confidence+icp", 0), ("confidence+icp", 1), ("icp", 0), ("icp", 1)),
+    ]
+    shown = capsys.readouterr().out
+    assert shown.index("icp from coarse") < shown.index("confidence+icp from coarse")
+    monkeypatch.setattr(sys, "argv", [*arguments, "2", "--georeference-sd", "3"])
     assert accuracy.main() == 2
-    assert "holds trials of icp from coarse" in capsys.readouterr().err
+    assert "under other options" in capsys.readouterr().err
 
 
 def test_the_table_counts_right_silent_and_flagged():
@@ -116,11 +109,6 @@ def test_reliability_shows_a_liar():
     assert next(row for row in rows if row.startswith("0.01 to 0.1")).endswith("yes")
     assert next(row for row in rows if row.startswith("0.001 to 0.01")).endswith("NO")
     assert calibration.silence(liar).splitlines()[-1].split()[:3] == ["all", "100", "30"]
-
-
-def test_the_plan_hands_on_the_prior():
-    assert plan(ICP).options.georeference_sd is None
-    assert plan(replace(ICP, georeference_sd=3.0)).options.georeference_sd == 3.0
 
 
 def test_a_start_is_near_while_every_row_end_is():
@@ -158,37 +146,68 @@ def test_a_source_brought_near_is_near_and_as_good_as_before(family):
     assert np.ptp(off) > 0.1
 
 
-def test_trials_from_near_starts_say_so():
-    icp = replace(ICP, start="near")
-    assert run_trial(icp, "small_60", 0).near_start
-    assert not run_trial(replace(ICP, start="identity"), "small_60", 0).near_start
-    assert not run_trial(ICP, "different", 0).near_start
+def test_near_cases_are_near_and_have_names_of_their_own():
+    source = Near(("small_60", "different"))
+    assert source.names == ("near small_60",)
+    assert GROUPS["near small_60"] == "near frontier"
+    case = source.case("near small_60", 0)
+    limit = math.hypot(0.4 * 5.5 * 1.15, 2 * 3.0 * 1.2)
+    assert 0 < case.misplaced[1] < limit
+    assert case.error(Rigid.identity()) < limit
+    assert np.array_equal(source.case("near small_60", 0).problem.source.xy, case.problem.source.xy)
+    trial = run_trial(Options(method="aco", start="identity"), case)
+    assert (trial.name, trial.start) == ("near small_60", "identity")
 
 
 def test_methods_stand_side_by_side(tmp_path, monkeypatch, capsys):
-    aco = replace(TRIAL, method="aco", start="identity", error=0.6, fit_error=0.01)
-    trials = [replace(TRIAL, error=0.02, fit_error=0.01), replace(TRIAL, seed=2, right=False, error=2.0)]
-    trials += [aco, replace(aco, seed=2, error=0.4), replace(aco, seed=3, near_start=False, right=False, error=9.0)]
-    trials += [replace(TRIAL, family="periodic_turn", right=False, near_start=False, verdict="ambiguous")]
+    right, wrong = replace(TRIAL, error=0.02, fit_error=0.01), replace(TRIAL, seed=2, right=False, error=2.0)
+    aco = replace(right, method="aco", start="identity", verdict="ambiguous")
+    trials = [right, wrong, aco, replace(aco, name="near shift_3"), replace(wrong, name="periodic_turn")]
+    trials.append(replace(right, method="aco"))
     path = tmp_path / "trials.csv"
-    write_header(path)
-    for trial in trials:
-        append(path, trial)
+    # near cases and families come from two sources, so from two files
+    write(path, trials)
     monkeypatch.setattr(sys, "argv", ["methods", str(path)])
     assert methods.main() == 0
-    lines = {line.split("  ")[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line}
-    assert lines["family"] == ["coarse", "icp", "identity", "aco", "of", "these", "near", "aco"]
-    assert lines["shift_3"] == ["(2)", "50.0", "[1]", "(3)", "66.7", "[1]", "(2)", "100.0"]
-    assert lines["all absent"][1:] == ["(1)", "0.0", "(0)", "-", "(0)", "-"]
-    assert " ".join(lines["coarse: icp"][1:]) == "2 50.0 % 50.0 % 2.00 0.0 % 1 90.55 % 0 nan"
-    assert lines["identity: aco"][1:5] == ["3", "66.7", "%", "33.3"]
-    assert lines["identity, near: aco"][2:6] == ["2", "100.0", "%", "50.0"]
+    out = capsys.readouterr().out
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in out.splitlines() if line.startswith("|")]
+    overall = {(row[0], row[1]): row[2:] for row in rows if len(row) == 10}
+    assert overall["`coarse`", "`icp`"][:3] == ["2", "50.0 % [9.5, 90.5]", "2 (at most 93.85 %)"]
+    assert overall["`coarse`", "`icp`"][4] == "2.00"
+    assert overall["`near`", "`aco`"][3] == "100.0 % [20.7, 100.0]"
+    coarse, identity, near = out.split("### From ")[1:]
+    assert "| family | trials | `icp` | `aco` |" in coarse
+    assert "| `shift_3` | 2 | 50.0 (1) | 100.0 (0) |" in coarse
+    assert "| **all ordinary** | 2 | 50.0 (1) | 100.0 (0) |" in coarse
+    assert "| `periodic_turn` | 1 | - (1) | - |" in coarse
+    assert "| `shift_3` | 1 | 100.0 (0) |" in identity
+    assert "| `near shift_3` | 1 | 100.0 (0) |" in near
 
 
-def write(path, trials):
-    write_header(path)
-    for trial in trials:
-        append(path, trial)
+def test_one_command_makes_the_page_of_results(tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text("# Before\n<!-- results -->\nstale figures\n<!-- /results -->\nafter\n")
+    monkeypatch.setattr(results, "PAGE", page)
+    monkeypatch.setattr(results, "METHODS", ("icp", "confidence+icp"))
+    arguments = ["--out", str(tmp_path / "out"), "--family", "small_60", "--seeds", "1", "--jobs", "1"]
+    assert results.main(arguments) == 0
+    first = page.read_text()
+    assert first.startswith("# Before\n")
+    assert first.endswith("<!-- /results -->\nafter\n")
+    assert "stale figures" not in first
+    assert "--out results --seeds 1 --first-seed 0 --family small_60\n" in first
+    for start in results.STARTS:
+        assert f"### From `{start}`" in first
+    assert "| family | trials | `icp` | `confidence+icp` |" in first
+    assert results.main(arguments) == 0
+    assert page.read_text() == first
+    assert results.main([*arguments, "--family", "small_6"]) == 2
+
+
+def test_the_page_of_results_has_its_place_and_every_method():
+    page = results.PAGE.read_text(encoding="utf-8")
+    assert filled(page, {"results": "x"}) != page
+    assert all(f"`{name}`" in page for name in results.METHODS)
 
 
 def test_methods_are_compared_on_the_seeds_that_all_tried(tmp_path, monkeypatch, capsys):
@@ -214,7 +233,7 @@ def test_methods_are_compared_on_the_seeds_that_all_tried(tmp_path, monkeypatch,
 def test_a_method_that_is_never_right_has_no_ratio():
     wrong = [replace(TRIAL, seed=k, right=False, verdict="failed") for k in range(3)]
     right = [replace(TRIAL, seed=k, method="aco", error=0.02, fit_error=0.01) for k in range(3)]
-    lines = comparison.report([*wrong, *right, replace(TRIAL, family="different")]).splitlines()[2:]
+    lines = comparison.report([*wrong, *right, replace(TRIAL, name="different")]).splitlines()[2:]
     assert [line.split()[:2] for line in lines[:2]] == [["shift_3", "icp"], ["shift_3", "aco"]]
     assert [line.split()[:2] for line in lines[2:]] == [["all", "ordinary"]] * 2
     assert lines[0].split()[-6:] == ["-", "-", "-", "-", "0", "3"]

@@ -13,15 +13,16 @@ import treereg_bn_rows.counts
 import treereg_bn_rows.network
 
 from benchmarks.network_pictures import LAYOUTS, picture
-from benchmarks.networks import EXAMPLE, PAGE, Known, example, filled, networks, table
+from benchmarks.networks import EXAMPLE, PAGE, Known, contents, example, networks, table
+from benchmarks.pages import filled
 from treereg_core.network import Network, Node
 
 
 def test_the_page_is_what_the_command_makes() -> None:
     page = PAGE.read_text(encoding="utf-8")
-    assert filled(page) == page, "make it again: uv run python -m benchmarks.networks"
+    assert filled(page, contents()) == page, "make it again: uv run python -m benchmarks.networks"
     with pytest.raises(ValueError, match="lacks the marks"):
-        filled(page.replace("<!-- /bn_rows -->", ""))
+        filled(page.replace("<!-- /bn_rows -->", ""), contents())
 
 
 def test_the_tables_are_those_that_the_methods_start_from() -> None:

@@ -18,6 +18,8 @@ FEWEST_BLOCKS, MOST_BLOCKS = 4, 36
 TREES_KNOW = 10
 # So many blocks know their own spread well enough to say that they differ.
 MANY_BLOCKS = 16
+# Larger blocks feel what their trees have in common more; by how much they differ is told as of blocks of so many.
+TREES_COMPARED = 225
 
 
 @dataclass(frozen=True)
@@ -70,15 +72,16 @@ def _sum(evidence: Evidence, match: Match, gains: list[FloatArray], counted: lis
     places = evidence.reference.features.xy, match.transform(evidence.source.features.xy)
     gain = np.concatenate([g[c] for g, c in zip(gains, counted, strict=True)])
     where = np.concatenate([p[c] for p, c in zip(places, counted, strict=True)])
-    return Comparison(float(gain.sum()), _standard_error(gain, where))
+    return Comparison(float(gain.sum()), standard_error(gain, where))
 
 
-def _standard_error(gain: FloatArray, where: FloatArray) -> float:
+def standard_error(gain: FloatArray, where: FloatArray) -> float:
     """Of the sum of gains (n,) at places (n, 2): from sums over blocks, which feel what neighbours have in common.
 
     A few blocks know their own spread badly, so the trees' own variance counts like `TREES_KNOW` blocks more. Many
     blocks that differ by more than their trees' noise may tell of maps that are bent against each other, where a part
-    of the field speaks for another placement: the error then grows beyond that of the blocks.
+    of the field speaks for another placement: the error then grows beyond that of the blocks, by as much however many
+    trees a block has.
     """
     n = len(gain)
     if n < 2 * FEWEST_BLOCKS:
@@ -88,7 +91,8 @@ def _standard_error(gain: FloatArray, where: FloatArray) -> float:
     known = len(sums) - 1
     variance = (known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)
     if len(sums) >= MANY_BLOCKS and of_blocks > of_trees > 0:
-        variance = of_blocks * math.sqrt(of_blocks / of_trees)
+        beyond = (of_blocks / of_trees - 1) * min(1.0, TREES_COMPARED * len(sums) / n)
+        variance = of_blocks * math.sqrt(1 + beyond)
     return math.sqrt(variance)
 
 

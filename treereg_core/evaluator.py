@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from treereg_core.features import FeatureSet
-from treereg_core.image import Image
+from treereg_core.image import Image, agreement
 from treereg_core.judgement import Judgement
 from treereg_core.method import Method
-from treereg_core.transform import Affine, FloatArray
+from treereg_core.transform import Affine, FloatArray, Rigid
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,11 @@ class Problem:
     truth: Affine | None = None
     images: tuple[Image, Image] | None = None
     checkpoints: tuple[FloatArray, FloatArray] | None = None
+
+    @cached_property
+    def agreement_before(self) -> tuple[float, float] | None:
+        """`agreement` of the images under the files' own georeference, whatever the method; None where unknown."""
+        return agreement(*self.images, Rigid.identity()) if self.images else None
 
 
 class Evaluator(Method):

@@ -88,11 +88,10 @@ class Pixels(Evaluator):
 
     def score(self, judgement: Judgement, problem: Problem) -> Mapping[str, float | None]:
         """The figures above."""
-        said: dict[str, float | None] = {}
-        for suffix, transform in (("", judgement.transform), ("_before", Rigid.identity())):
-            found = problem.images and transform and agreement(*problem.images, transform)
-            said[f"mse{suffix}"], said[f"ncc{suffix}"] = found or (None, None)
-        return said
+        found = problem.images and judgement.transform and agreement(*problem.images, judgement.transform)
+        mse, ncc = found or (None, None)
+        mse_before, ncc_before = problem.agreement_before or (None, None)
+        return {"mse": mse, "ncc": ncc, "mse_before": mse_before, "ncc_before": ncc_before}
 
 
 class Checkpoints(Evaluator):

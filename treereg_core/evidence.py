@@ -134,7 +134,7 @@ class Evidence:
         """The one-to-one pairs under a placement: each reference tree takes the nearest source tree that claims it."""
         reference, source = self.reference.features, self.source.features
         moved = transform(source.xy)
-        distance, target = nearest(reference.tree, moved, self.gate, threads=self.threads)
+        distance, target = nearest(reference.tree, moved, self.gate, threads=self.threads, order=source.tree.indices)
         claims = np.flatnonzero(target < len(reference))
         claims = claims[np.argsort(-distance[claims], kind="stable")]
         owner = np.full(len(reference), -1)

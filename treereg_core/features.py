@@ -32,12 +32,24 @@ def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
 
 
 def nearest(
-    tree: cKDTree, points: FloatArray, within: float, count: int = 1, threads: int = 1
+    tree: cKDTree,
+    points: FloatArray,
+    within: float,
+    count: int = 1,
+    threads: int = 1,
+    order: IntArray | None = None,
 ) -> tuple[FloatArray, IntArray]:
     """Distances and indices of the points of a tree nearest to `points` (n, 2 or 3): (n,), or (n, count) if several.
 
-    One that is missing within the distance `within` has an infinite distance and the index `tree.n`.
+    One that is missing within the distance `within` has an infinite distance and the index `tree.n`. `order` (n,) is
+    that in which the points are looked up: one that keeps neighbours together, such as the `indices` of a tree of
+    these points, makes the search in large fields several times faster.
     """
+    if order is not None:
+        distance, index = nearest(tree, points[order], within, count, threads)
+        back = np.empty(len(order), dtype=np.int64)
+        back[order] = np.arange(len(order))
+        return distance[back], index[back]
 
     def query(some: FloatArray) -> tuple[FloatArray, IntArray]:
         distance, index = tree.query(some, k=count, distance_upper_bound=within)

@@ -102,17 +102,25 @@ class Result:
         }
 
     def _transform_json(self) -> dict[str, Any] | None:
-        transform = self.judgement.transform
+        transform, frame = self.judgement.transform, self.frame
         if transform is None:
             return None
-        centroid = trees(self.source).xy.mean(axis=0, keepdims=True)
-        return {
-            "model": next(model.value for model in Model if isinstance(transform, model.kind)),
-            "matrix": self.full_coordinates(transform).matrix.tolist(),
-            "rotation_deg": transform.rotation_deg,
-            "translation_m": (transform(centroid) - centroid)[0].tolist(),
-            **({} if isinstance(transform, Rigid) else {"scale": transform.scale}),
-        }
+        return transform_json(transform, trees(self.source), frame.origin if frame else (0.0, 0.0))
+
+
+def transform_json(transform: Affine, source: FeatureSet, origin: tuple[float, float]) -> dict[str, Any]:
+    """A transform `reference_from_source` as files have it: its matrix in full coordinates, and numbers to read.
+
+    `source` are the trees at whose centroid the shift is given. Both are in coordinates less `origin`, metres.
+    """
+    centroid = source.xy.mean(axis=0, keepdims=True)
+    return {
+        "model": next(model.value for model in Model if isinstance(transform, model.kind)),
+        "matrix": transform.about(-np.asarray(origin)).matrix.tolist(),
+        "rotation_deg": transform.rotation_deg,
+        "translation_m": (transform(centroid) - centroid)[0].tolist(),
+        **({} if isinstance(transform, Rigid) else {"scale": transform.scale}),
+    }
 
 
 def trees(survey: Survey | FeatureSet) -> FeatureSet:

@@ -50,7 +50,8 @@ def read_config(path: Path) -> tuple[dict[str, object], dict[str, dict[str, obje
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give --config a TOML file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: not TOML ({error}); mend the file") from None
+        quotes = ", a path with backslashes goes in 'single quotes'" if b"\\" in path.read_bytes() else ""
+        raise InputError(f"{path}: not TOML ({error}); mend the file{quotes}") from None
     options = {key: value for key, value in content.items() if not isinstance(value, dict)}
     return options, {key: value for key, value in content.items() if isinstance(value, dict)}
 

@@ -18,17 +18,21 @@ NEIGHBOURS = 24
 CLASSES = 3
 
 
-def local_scores(xy: FloatArray, values: FloatArray, tree: cKDTree, threads: int = 1) -> FloatArray:
-    """Normal scores of `values` (n,) after the median of each tree's neighbourhood is removed.
+def neighbourhoods(xy: FloatArray, tree: cKDTree, threads: int = 1) -> IntArray:
+    """The trees around each tree at `xy` (n, 2), itself among them, (n, k); `tree` holds the same trees."""
+    _, near = nearest(tree, xy, np.inf, min(NEIGHBOURS + 1, max(len(xy) // 3, 2)), threads, tree.indices)
+    return near
+
+
+def local_scores(values: FloatArray, near: IntArray) -> FloatArray:
+    """Normal scores of `values` (n,) after the median of each tree's neighbourhood, `near` (n, k), is removed.
 
     What varies smoothly over a field (vigour, growth, light) is removed, what sets a tree apart from its neighbours
     stays. Clipped to two and a half; all zero when the values do not vary.
     """
-    n = len(xy)
-    k = min(NEIGHBOURS + 1, max(n // 3, 2))
+    n = len(values)
     if n < 3 or np.ptp(values) < 1e-9 * max(1.0, float(np.abs(values).max())):
         return np.zeros(n)
-    _, near = nearest(tree, xy, np.inf, k, threads)
     local = values - np.median(values[near], axis=1)
     order = np.argsort(local, kind="stable")
     rank = np.empty(n)
@@ -64,6 +68,7 @@ class Side:
         # A crown is known to one per cent at best; what is finer in a file is its rounding.
         area = np.round(np.log(features.area / np.median(features.area)), 2).astype(np.float64)
         values = {"area": area, "confidence": features.confidence, **features.attributes}
-        scores = {name: local_scores(features.xy, values[name], features.tree, threads) for name in names}
+        near = neighbourhoods(features.xy, features.tree, threads)
+        scores = {name: local_scores(values[name], near) for name in names}
         edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)
         return cls(features, Footprint.of(features.xy, reach), np.searchsorted(edges, features.confidence), scores)

@@ -12,6 +12,8 @@ from treereg_core.transform import FloatArray
 
 Z95 = 1.959964
 DRAWS = 2000
+LARGEST = 1_000_000
+"""So many values are drawn at once at most, so that memory does not grow with the trials."""
 Statistic = Callable[[FloatArray], FloatArray]
 """Of values in the last axis, one for each of the others."""
 
@@ -39,8 +41,10 @@ def bootstrap(values: ArrayLike, statistic: Statistic) -> tuple[float, float]:
     Percentiles over samples from a fixed seed, so that the same values give the same interval.
     """
     given = np.asarray(values, dtype=np.float64)
-    drawn = given[np.random.default_rng(0).integers(len(given), size=(DRAWS, len(given)))]
-    low, high = np.quantile(statistic(drawn), (0.025, 0.975))
+    rng, at_once = np.random.default_rng(0), max(LARGEST // len(given), 1)
+    sizes = [min(at_once, DRAWS - done) for done in range(0, DRAWS, at_once)]
+    drawn = [statistic(given[rng.integers(len(given), size=(size, len(given)))]) for size in sizes]
+    low, high = np.quantile(np.concatenate(drawn), (0.025, 0.975))
     return float(low), float(high)
 
 

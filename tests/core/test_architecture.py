@@ -18,7 +18,7 @@ RUNNER = {
     for name in (
         *("api", "application", "cli", "description", "detection", "expression", "heights", "io", "judge", "memory"),
         *("options", "outputs", "pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
-        *("survey", "survey_rasters", "testing"),
+        *("survey", "survey_copy", "survey_rasters", "testing"),
     )
 }
 """What runs methods, reads files and judges: not for plugins. The rest of the core is public."""

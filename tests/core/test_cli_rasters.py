@@ -200,18 +200,6 @@ def test_an_interruption_leaves_nothing(orchard: Path, where: str, monkeypatch: 
     assert names(orchard) == before
 
 
-def test_progress_is_one_line_that_changes_and_only_on_a_terminal(
-    orchard: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    assert main(["run", "reference", "source"]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    (line,) = [line for line in lines if line.endswith("dem 100%") or "dem 100%" in line]
-    assert line.count("%") >= 1
-    assert main(["run", "reference", "source", "-q"]) == 0
-    assert "%" not in capsys.readouterr().err
-
-
 def test_a_raster_that_breaks_in_the_middle_leaves_nothing(orchard: Path, capsys: Output) -> None:
     path = orchard / "source" / "visible_50cm.tif"
     with rasterio.open(path) as file:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.core.orchards import alike, grid, off_by, truth_of
-from treereg_core.comparison import Comparison, compare, standing
+from treereg_core.comparison import Comparison, compare, standard_error, standing
 from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.simulate import Simulation
@@ -163,6 +163,16 @@ class TestStandardError:
             sums.append(found.log_odds)
             errors.append(found.standard_error)
         assert 0.5 < np.std(sums) / np.mean(errors) < 1.5
+
+    def test_a_larger_field_whose_parts_differ_as_much_is_as_sure(self) -> None:
+        """Where the same share of a field says less, the log-odds are as many standard errors, however many trees."""
+        ratios = []
+        for side in (90, 900):
+            where = grid(side, side)
+            reach = where[:, 0] / where[:, 0].max()
+            gain = np.where(reach < 0.3, 0.2, 1.0) + np.random.default_rng(0).normal(0, 1, len(where))
+            ratios.append(gain.sum() / standard_error(gain, where))
+        assert ratios[1] == pytest.approx(ratios[0], rel=0.15)
 
     def test_a_handful_of_trees_knows_nothing_of_its_own_error(self) -> None:
         few: FeatureSet = alike(grid(1, 3))

@@ -69,6 +69,18 @@ def test_misregistrations_are_as_large_as_asked_for(surveys: Misregistered) -> N
     assert np.sqrt(np.mean(sizes[:, 1] ** 2)) == pytest.approx(3.0 * np.sqrt(2), rel=0.15)
 
 
+def test_a_family_brings_its_truth() -> None:
+    source = Families(("small_150", "different"))
+    found = run_trial(ICP, source.case("small_150", 3))
+    assert found.right
+    assert 0 < found.error < 0.2
+    assert found.ci_low < found.expected_rms < found.ci_high
+    assert 0 < found.seconds < 60
+    case = source.case("different", 3)
+    assert not case.right(Rigid.identity())
+    assert math.isnan(run_trial(FROM_IDENTITY, case).error)
+
+
 def test_every_method_and_start_gets_the_same_trials(surveys: Misregistered) -> None:
     study = Study(surveys, (ICP, FROM_IDENTITY), range(3))
     done = run_all(study, None, 1, silent)
@@ -136,7 +148,7 @@ def test_a_crash_is_a_trial_and_is_tried_again(
 
 def test_lines_say_how_often_and_how_far() -> None:
     trials = [
-        *(trial(seed=k, error=0.01 * (k + 1)) for k in range(8)),
+        *(trial(seed=k, error=0.01 * (k + 1), ci_low=0.015, ci_high=0.065) for k in range(8)),
         trial(seed=8, error=3.0, right=False, figures={"truth.placed": 0.75}),
         trial(seed=9, verdict="failed", right=False, error=math.nan, figures={"truth.placed": 0.0}),
     ]
@@ -144,6 +156,8 @@ def test_lines_say_how_often_and_how_far() -> None:
     assert (line.right.count, line.right.of, line.silent) == (8, 10, 1)
     assert line.right.ci95 == wilson(8, 10)
     assert (line.failed.count, line.flagged.count) == (1, 0)
+    assert (line.covered.count, line.covered.of) == (5, 8)
+    assert line.to_json()["interval_holds_error"]["share"] == 5 / 8
     assert line.error is not None
     assert line.error.median == pytest.approx(0.05)
     assert line.ratio == pytest.approx(0.045 / 0.02)

@@ -10,15 +10,15 @@ from tests.core.orchards import alike, grid, off_by, pair_of, truth_of
 from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
 from treereg_core.features import FeatureSet
 from treereg_core.pair import Pair
-from treereg_core.side import local_scores
+from treereg_core.side import local_scores, neighbourhoods
 from treereg_core.testing import scenes
 from treereg_core.transform import FloatArray, Model, Rigid
 
 BLOCK = grid(25, 40)
 
 
-def scores_of(values: FloatArray) -> FloatArray:
-    return local_scores(BLOCK, values, cKDTree(BLOCK))
+def scores_of(values: FloatArray, xy: FloatArray = BLOCK) -> FloatArray:
+    return local_scores(values, neighbourhoods(xy, cKDTree(xy)))
 
 
 def weigh(evidence: Evidence, match: Match, decoys: list[Match]) -> float:
@@ -73,15 +73,14 @@ class TestLocalScores:
 
     @pytest.mark.parametrize("n", [0, 1, 2, 3, 5])
     def test_few_trees_are_no_trouble(self, n: int) -> None:
-        xy = BLOCK[:n]
-        scores = local_scores(xy, np.arange(n, dtype=float), cKDTree(xy))
+        scores = scores_of(np.arange(n, dtype=float), BLOCK[:n])
         assert scores.shape == (n,)
         assert np.isfinite(scores).all()
 
     def test_the_order_of_trees_is_of_no_account(self) -> None:
         rng = np.random.default_rng(5)
         values, order = rng.normal(0, 0.3, len(BLOCK)), rng.permutation(len(BLOCK))
-        again = local_scores(BLOCK[order], values[order], cKDTree(BLOCK[order]))
+        again = scores_of(values[order], BLOCK[order])
         # Trees at equal distance make up the neighbourhood in either order.
         assert np.corrcoef(again, scores_of(values)[order])[0, 1] > 0.99
 

@@ -15,7 +15,9 @@ from treereg_core.cli.apply import apply
 from treereg_core.cli.check import check
 from treereg_core.cli.console import console
 from treereg_core.cli.evaluate import evaluate
+from treereg_core.cli.help import Command, Commands, examples
 from treereg_core.cli.methods import methods
+from treereg_core.cli.misregister import misregister
 from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
 from treereg_core.cli.series import series
@@ -28,7 +30,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     invoke_without_command=True,
-    add_completion=False,
+    cls=Commands,
+    epilog=examples(""),
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
@@ -59,9 +62,10 @@ for _command, _words in (
     (rows, "Find and number the planting rows of one survey."),
     (series, "Register surveys of one orchard over time, and follow every tree."),
     (evaluate, "Compare methods on the same trials with known misplacements."),
+    (misregister, "Copy a survey folder, turned and shifted by a known transform."),
     (simulate, "Make two survey folders whose truth is known."),
 ):
-    app.command(short_help=_words)(_command)
+    app.command(short_help=_words, cls=Command, epilog=examples(_command.__name__))(_command)
 
 
 def carry_out(arguments: Sequence[str] | None) -> int:
@@ -69,6 +73,10 @@ def carry_out(arguments: Sequence[str] | None) -> int:
     console.reset()
     if isinstance(sys.stdout, io.TextIOWrapper):  # a letter that the terminal does not know must not end a run
         sys.stdout.reconfigure(errors="backslashreplace")
+    if sys.platform == "win32":
+        import colorama
+
+        colorama.just_fix_windows_console()
     try:
         code = app(args=arguments, prog_name="treereg", standalone_mode=False)
         if sys.stdout:
@@ -92,6 +100,8 @@ def carry_out(arguments: Sequence[str] | None) -> int:
         text = " ".join(str(error).split()) or "no message"
         console.fail(error, f"a fault of treereg or a plugin, please report it ({type(error).__name__}: {text})")
         return 1
+    finally:
+        console.end_bar()
 
 
 def usage_sentence(error: typer.TyperException) -> str:
@@ -100,6 +110,9 @@ def usage_sentence(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     parameter = getattr(error, "param", None)
     message = message.replace(". Did you", "; did you")
+    near = getattr(error, "possibilities", None)
+    if near:
+        return f"{message.partition(' (')[0]}; did you mean {near[0]!r}?"
     if context is None or message.endswith("?"):
         return message
     if parameter is not None and parameter.name in (context.default_map or {}):

@@ -69,8 +69,8 @@ def apply(
             for warning in one.write(folder, lambda share, name=one.path.name: console.share(name, share)):  # type: ignore[misc]
                 console.warn(warning)
     if not console.quiet:
-        print(f"{len(todo)} {'file' if len(todo) == 1 else 'files'} moved")
-        print("\n".join(f"  {out / name}" for name in names))
+        moved = f"{len(todo)} {'file' if len(todo) == 1 else 'files'} moved"
+        console.show("\n".join([moved, *(f"  {out / name}" for name in names)]))
 
 
 def thread_count(asked: int | None) -> int:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from treereg_core.cli import completion
 from treereg_core.cli.console import Verbose
 from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.errors import PluginError
@@ -21,7 +22,9 @@ from treereg_core.settings import record
 
 def check(
     context: typer.Context,
-    target: Annotated[str, typer.Argument(metavar="NAME|EXPR|FILE.py", help="What to check.")],
+    target: Annotated[
+        str, typer.Argument(metavar="NAME|EXPR|FILE.py", autocompletion=completion.targets, help="What to check.")
+    ],
     plugin: Plugin = None,
     verbose: Verbose = False,
 ) -> int:

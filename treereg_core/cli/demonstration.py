@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from treereg_core import io
+from treereg_core.cli.console import console
 from treereg_core.evaluator import Problem
 from treereg_core.evaluators import Truth
 from treereg_core.result import Result, trees
@@ -21,7 +22,12 @@ def make_orchard(folder: Path, seed: int, rasters: bool) -> Path:
     """
     from treereg_core.simulate import Scene, simulate, write_simulation
 
-    write_simulation(simulate(Scene(), seed), folder, rasters=rasters)
+    write_simulation(
+        simulate(Scene(), seed),
+        folder,
+        rasters=rasters,
+        progress=lambda name, share: console.share(f"paint {name}", share),
+    )
     return folder / "truth.json"
 
 

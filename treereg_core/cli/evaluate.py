@@ -6,14 +6,15 @@ import os
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from treereg_core import io
-from treereg_core.cli.columns import in_columns
-from treereg_core.cli.config import Config, tables
-from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.columns import GAP, hanging, in_columns
+from treereg_core.cli.completion import expressions, families_and_groups, starts
+from treereg_core.cli.config import Config, given
+from treereg_core.cli.console import Quiet, Verbose, console, width
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
@@ -29,14 +30,14 @@ from treereg_core.errors import UsageError
 from treereg_core.evaluation import Families, Misregistered, Study, run_all
 from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.files import FILES, open_folder, write_evaluation
-from treereg_core.evaluation.page import in_words, label
+from treereg_core.evaluation.page import in_words, label, silent_in_words
 from treereg_core.evaluation.summary import Line
 from treereg_core.io.output import DEFAULT_OUT
+from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M
 from treereg_core.options import Options
-from treereg_core.settings import Settings, check_used, merge, parse_assignments
+from treereg_core.settings import Settings, check_used, suggestion
 from treereg_core.simulate import FAMILIES
-
-GROUPS = tuple(dict.fromkeys(family.group for family in FAMILIES.values()))
+from treereg_core.simulate.families import GROUPS
 
 
 def evaluate(
@@ -48,21 +49,32 @@ def evaluate(
             help="Survey folders that lie rightly on each other; one: it and itself; none: simulated families.",
         ),
     ] = None,
-    method: Annotated[list[str] | None, typer.Option(metavar="EXPR", help="A method expression; repeatable.")] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(metavar="EXPR", autocompletion=expressions, help="A method expression; repeatable."),
+    ] = None,
     start: Annotated[
-        list[str] | None, typer.Option(metavar="NAME|identity", help="A coarse aligner or identity; repeatable.")
+        list[str] | None,
+        typer.Option(metavar="NAME|identity", autocompletion=starts, help="A coarse aligner or identity; repeatable."),
     ] = None,
     trials: Annotated[int, typer.Option(min=1, metavar="N", help="Trials of each family, or of the surveys.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, help="The seed of the first trial; the next has the next.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="The seed of the first trial; the next has the next.")
+    ] = 0,
     family: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A family or group of simulated surveys; repeatable.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            autocompletion=families_and_groups,
+            help="A family or group of simulated surveys; repeatable.",
+        ),
     ] = None,
     rotation_sd: Annotated[
         float, typer.Option(min=0, metavar="DEGREES", help="How far surveys are turned on purpose, 1 sd.")
-    ] = 1.0,
+    ] = ROTATION_SD_DEG,
     translation_sd: Annotated[
         float, typer.Option(min=0, metavar="METRES", help="How far they are shifted, 1 sd per axis.")
-    ] = 3.0,
+    ] = TRANSLATION_SD_M,
     checkpoints: Annotated[
         Path | None,
         typer.Option(metavar="FILE.csv", help="Points found in both surveys, to be compared where they end."),
@@ -73,7 +85,7 @@ def evaluate(
     set_: Set = None,
     config: Config = None,
     plugin: Plugin = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; default: all processors.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, metavar="N", help="Processes; default: all processors.")] = None,
     out: Out = DEFAULT_OUT,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Begin anew; without it an earlier evaluation goes on.")
@@ -85,13 +97,8 @@ def evaluate(
 ) -> None:
     """Register the same trials, with known misplacements, by every method from every start, and compare."""
     use_plugins(context, plugin)
-    given = {
-        "georeference_sd": georeference_sd,
-        "model": model,
-        "max_failure": max_failure,
-    }
     names = method or [DEFAULTS["method"]], start or [DEFAULTS["start"]]
-    setups = setups_of(given, names, merge(tables(context), parse_assignments(set_ or ())), config)
+    setups = setups_of(given(context), names, config)
     folders = surveys or []
     source: Source
     if folders:
@@ -105,29 +112,31 @@ def evaluate(
         notes = [f"Simulated surveys of {len(source.names)} families, {trials} pairs of surveys of each."]
     study = Study(source, setups, range(seed, seed + trials))
     log = open_folder(out, folders, overwrite)
-    done = run_all(study, log, jobs or os.cpu_count() or 1, lambda text: console.progress(f"trials: {text}"))
+    done = run_all(study, log, jobs or os.cpu_count() or 1, lambda done, total: console.count("trials", done, total))
     lines = write_evaluation(study, notes, done, out)
     if as_json:
         typer.echo((out / FILES[1]).read_bytes(), nl=False)
     else:
-        print(summary(notes, lines, out))
+        console.show(summary(notes, lines, out))
 
 
 def setups_of(
-    given: Mapping[str, object], names: tuple[Sequence[str], Sequence[str]], settings: Settings, config: Path | None
+    values: Mapping[str, Any], names: tuple[Sequence[str], Sequence[str]], config: Path | None
 ) -> tuple[Options, ...]:
     """The options of every method from every start, each checked. A setting goes to those that have its stage."""
     methods, starts = (list(dict.fromkeys(some)) for some in names)
+    settings: Settings = values["settings"]
+    common = {name: values[name] for name in ("georeference_sd", "model", "max_failure") if name in values}
     stages = {}
     for method, start in product(methods, starts):
         if start.endswith(".json"):
             raise UsageError(f"--start {start}: one transform is no start for many trials; give a coarse aligner.")
-        stages[method, start] = settle({**given, "method": method, "start": start}, config).plugins.keys() | {"judge"}
+        stages[method, start] = settle({**common, "method": method, "start": start}, config).plugins.keys() | {"judge"}
     check_used(settings, sorted(set().union(*stages.values())))
     setups = []
     for (method, start), own in stages.items():
         mine = {stage: values for stage, values in settings.items() if stage in own}
-        setups.append(settle({**given, "method": method, "start": start, "settings": mine}, config).options)
+        setups.append(settle({**common, "method": method, "start": start, "settings": mine}, config).options)
     return tuple(setups)
 
 
@@ -135,8 +144,7 @@ def families_of(names: Sequence[str]) -> tuple[str, ...]:
     """The families of these names, and of these groups, in their own order. `UsageError` for an unknown one."""
     for name in names:
         if name not in FAMILIES and name not in GROUPS:
-            known = ", ".join([*GROUPS, *FAMILIES])
-            raise UsageError(f"there is no family or group {name!r}; choose among {known}")
+            raise UsageError(f"there is no family or group {name!r}{suggestion(name, [*GROUPS, *FAMILIES])}")
     return tuple(name for name, family in FAMILIES.items() if name in names or family.group in names)
 
 
@@ -166,16 +174,19 @@ def of_surveys(
 
 def summary(notes: Sequence[str], lines: Sequence[Line], out: Path) -> str:
     """What was done, a line for each method, start and family, and where the files are."""
-    rows = [["method", "trials of", "trials", "right", "silent", "flagged", "failed", "error", "p95", "seconds"]]
+    header = ("method", "trials of", "trials", "right", "silent", "flagged", "failed", "error", "p95")
+    rows = [[*header, "coverage", "seconds"]]
     for line in lines:
         error = line.error
         rows.append(
             [
-                *(label(line), line.name, str(line.trials), in_words(line.right), str(line.silent)),
+                *(label(line), line.name, str(line.trials), in_words(line.right), silent_in_words(line)),
                 *(in_words(line.flagged), in_words(line.failed)),
                 *((f"{error.median:.3f} m", f"{error.p95:.3f} m") if error else ("-", "-")),
+                in_words(line.covered),
                 f"{line.seconds:.2f}" if line.seconds is not None else "-",
             ]
         )
-    files = ", ".join(str(out / name) for name in FILES)
-    return "\n".join([*notes, *(f"  {line}" for line in in_columns(rows, flush_left=2)), f"  files  {files}"])
+    said = [line for note in notes for line in hanging("", note, width())]
+    table = [f"  {line}".rstrip() for line in in_columns(rows, flush_left=2, width=width(GAP))]
+    return "\n".join([*said, *table, *hanging("  files  ", [str(out / name) for name in FILES], width())])

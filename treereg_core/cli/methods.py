@@ -11,7 +11,9 @@ from typing import Annotated, Any
 
 import typer
 
-from treereg_core.cli.console import Verbose
+from treereg_core.cli.columns import with_text
+from treereg_core.cli.completion import names
+from treereg_core.cli.console import Verbose, console, width
 from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.judge import Judge
 from treereg_core.method import Method
@@ -24,7 +26,8 @@ from treereg_core.settings import describe, range_in_words
 def methods(
     context: typer.Context,
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="One of them, or `judge`, to see its settings.")
+        str | None,
+        typer.Argument(metavar="NAME", autocompletion=names, help="One of them, or `judge`, to see its settings."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
     plugin: Plugin = None,
@@ -35,14 +38,14 @@ def methods(
     registry = installed()
     if name is None:
         rows = [as_plain(entry) for entry in registry.entries]
-        print(json.dumps(rows, indent=1, ensure_ascii=False) if as_json else table(registry.entries))
+        console.show(json.dumps(rows, indent=1, ensure_ascii=False) if as_json else table(registry.entries))
         return
     offer: type | Recipe | None = Judge
     row = judge_row()
     if name != "judge":
         entry = registry.entry(name)
         offer, row = entry.offer, as_plain(entry)
-    print(json.dumps(row, indent=1, ensure_ascii=False) if as_json else page(offer, row))
+    console.show(json.dumps(row, indent=1, ensure_ascii=False) if as_json else page(offer, row))
 
 
 def table(entries: tuple[Entry, ...]) -> str:
@@ -50,8 +53,7 @@ def table(entries: tuple[Entry, ...]) -> str:
     rows = [(e.name, "BROKEN" if e.problem else e.role, e.origin, e.description) for e in entries]
     if not rows:
         return "no methods are installed; install them with: pip install 'treereg[all]'"
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    return "\n".join("  ".join([*(c.ljust(w) for c, w in zip(row, widths, strict=False)), row[3]]) for row in rows)
+    return "\n".join(with_text(rows, width()))
 
 
 def as_plain(entry: Entry) -> dict[str, Any]:

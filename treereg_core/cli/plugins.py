@@ -9,12 +9,18 @@ from typing import Annotated
 
 import typer
 
+from treereg_core.cli.help import MATCHING
 from treereg_core.errors import UsageError
 from treereg_core.registry import FILES
 
 Plugin = Annotated[
     list[Path] | None,
-    typer.Option("--plugin", metavar="FILE.py", help="Use what this plugin file offers as if installed; repeatable."),
+    typer.Option(
+        "--plugin",
+        rich_help_panel=MATCHING,
+        metavar="FILE.py",
+        help="Use what this plugin file offers as if installed; repeatable.",
+    ),
 ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,15 +10,17 @@ import numpy as np
 import typer
 
 from treereg_core import io
-from treereg_core.cli.config import Config, tables
-from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.columns import labelled
+from treereg_core.cli.completion import row_expressions
+from treereg_core.cli.config import Config, given, read_from
+from treereg_core.cli.console import Quiet, Verbose, console, width
 from treereg_core.cli.options import DEFAULTS, ConfidenceProperty, Seed, Set, Threads
 from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.detection import RowOptions, RowPlan, carry_out, row_plan
 from treereg_core.errors import InputError, NoRegistration, UsageError
 from treereg_core.pair import Rows
 from treereg_core.registry import installed
-from treereg_core.settings import merge, parse_assignments, record
+from treereg_core.settings import record
 from treereg_core.survey import Survey
 
 DEFAULT_OUT = Path("rows.geojson")
@@ -26,9 +29,10 @@ DEFAULT_OUT = Path("rows.geojson")
 def rows(
     context: typer.Context,
     survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="Survey folder.")],
-    method: Annotated[str, typer.Option(metavar="EXPR", help="Filters, then a row detector, joined by +.")] = DEFAULTS[
-        "rows"
-    ],
+    method: Annotated[
+        str,
+        typer.Option(metavar="EXPR", autocompletion=row_expressions, help="Filters, then a row detector, joined by +."),
+    ] = DEFAULTS["rows"],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The GeoJSON file to write.")] = DEFAULT_OUT,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
     set_: Set = None,
@@ -42,13 +46,8 @@ def rows(
 ) -> None:
     """Find the planting rows of one survey; row 1, tree 1 is at the north-west corner."""
     use_plugins(context, plugin)
-    given = {
-        "method": method,
-        "settings": merge(tables(context), parse_assignments(set_ or ())),
-        "seed": seed,
-        "threads": threads,
-    }
-    plan = settle({name: value for name, value in given.items() if value is not None}, config)
+    with read_from(config):
+        plan = row_plan(record(RowOptions, given(context), lambda field: f"--{field}"), installed())
     check_place(out, overwrite)
     console.progress("read")
     read = io.read_survey(survey, confidence_property=confidence_property)
@@ -63,16 +62,7 @@ def rows(
         ) from reason
     io.write_rows(read, found, out)
     if not console.quiet:
-        print(summary(read, found, plan, out))
-
-
-def settle(given: dict[str, object], config: Path | None) -> RowPlan:
-    """The plan of these options; an error says that a configuration file had a word in it."""
-    try:
-        options = record(RowOptions, given, lambda field: f"--{field}")
-        return row_plan(options, installed())
-    except UsageError as error:
-        raise UsageError(f"{error} (options are read from {config} too)" if config else str(error)) from error
+        console.show(summary(read, found, plan, out))
 
 
 def check_place(out: Path, overwrite: bool) -> None:
@@ -92,13 +82,12 @@ def summary(survey: Survey, found: Rows, plan: RowPlan, out: Path) -> str:
     steps = [np.hypot(*np.diff(survey.features.xy[survey.features.positions(row)], axis=0).T) for row in found.trees]
     lengths = [step.sum() for step in steps]
     inside = sum(map(len, found.trees))
-    lines = {
+    lines: dict[str, str | Sequence[str]] = {
         "method": plan.options.method,
         "trees in rows": f"{inside} of {len(survey.features)} ({len(survey.features) - inside} in none)",
         "length of a row": f"{np.median(lengths):.1f} m (median; {min(lengths):.1f} to {max(lengths):.1f} m)",
         "tree to tree": f"{np.median(np.concatenate(steps)):.2f} m (median)",
-        "file": str(out),
+        "file": [str(out)],
     }
-    width = max(map(len, lines)) + 2
     head = f"{len(found)} {'row' if len(found) == 1 else 'rows'}"
-    return "\n".join([head, *(f"  {name.ljust(width)}{text}" for name, text in lines.items())])
+    return "\n".join([head, *labelled(lines, width())])

@@ -10,12 +10,15 @@ import typer
 
 from treereg_core import io
 from treereg_core.api import execute
-from treereg_core.cli.config import Config, tables
+from treereg_core.cli.completion import starts
+from treereg_core.cli.config import Config, given, read_from
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.cli.demonstration import DEMONSTRATION, made_at, make_orchard, true_error
+from treereg_core.cli.help import MATCHING
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
+    ExtentName,
     GcpPoints,
     GeoreferenceSd,
     MaxFailure,
@@ -40,7 +43,7 @@ from treereg_core.outputs import REGISTRATION, write_result
 from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
 from treereg_core.registry import installed
-from treereg_core.settings import merge, parse_assignments, record
+from treereg_core.settings import record
 from treereg_core.survey import Survey
 from treereg_core.survey_rasters import raster_plan
 
@@ -58,6 +61,8 @@ def run(
         str,
         typer.Option(
             metavar="NAME|identity|FILE",
+            autocompletion=starts,
+            rich_help_panel=MATCHING,
             help="A coarse aligner, the files' own georeference, or the transform in a .json file.",
         ),
     ] = DEFAULTS["start"],
@@ -71,12 +76,13 @@ def run(
         Path | None,
         typer.Option(
             metavar="DIR",
+            rich_help_panel=MATCHING,
             help="What earlier surveys of this orchard taught; read, and updated when the result is accepted.",
         ),
     ] = None,
     rasters: Rasters = "cog",
     resampling: ResamplingName = "auto",
-    extent: Annotated[str, typer.Option(metavar="reference|source", help="How far moved rasters reach.")] = "reference",
+    extent: ExtentName = "reference",
     world_file: WorldFile = False,
     gcp_points: GcpPoints = False,
     force: Annotated[bool, typer.Option("--force", help="Write the registered files whatever the verdict.")] = False,
@@ -91,18 +97,7 @@ def run(
     use_plugins(context, plugin)
     if (reference is None) != (source is None):
         raise UsageError("one survey folder alone cannot be registered; give REFERENCE and SOURCE, or neither.")
-    given = {
-        "method": method,
-        "start": start,
-        "georeference_sd": georeference_sd,
-        "model": model,
-        "max_failure": max_failure,
-        "memory": memory,
-        "settings": merge(tables(context), parse_assignments(set_ or ())),
-        "seed": seed,
-        "threads": threads,
-    }
-    plan = settle(given, config)
+    plan = settle(given(context), config)
     beside = raster_options((rasters, resampling, extent), (world_file, gcp_points), plan.options.threads)
     inputs = [folder for folder in (reference, source) if folder]
     with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
@@ -132,19 +127,16 @@ def run(
     if as_json:
         typer.echo(text, nl=False)
         if error_m is not None:
-            console.progress(f"true error {error_m:.3f} m")
+            console.note(f"true error {error_m:.3f} m")
     else:
-        print(summary(result, out, written.names, error_m))
+        console.show(summary(result, out, written.names, error_m))
     return 0 if result.accepted else 3
 
 
-def settle(given: Mapping[str, object], config: Path | None) -> Plan:
-    """The plan of these options; an error says that a configuration file had a word in it."""
-    try:
-        named = {name: value for name, value in given.items() if value is not None}
-        return plan_for(record(Options, named, option_name), installed())
-    except UsageError as error:
-        raise UsageError(f"{error} (options are read from {config} too)" if config else str(error)) from error
+def settle(values: Mapping[str, object], config: Path | None) -> Plan:
+    """The plan of these options."""
+    with read_from(config):
+        return plan_for(record(Options, values, option_name), installed())
 
 
 def option_name(field: str) -> str:

@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 from treereg_core import io
-from treereg_core.cli.columns import in_columns
-from treereg_core.cli.config import Config, tables
-from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.columns import GAP, hanging, in_columns
+from treereg_core.cli.completion import starts
+from treereg_core.cli.config import Config, given
+from treereg_core.cli.console import Quiet, Verbose, console, width
+from treereg_core.cli.help import MATCHING
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
@@ -42,7 +44,6 @@ from treereg_core.series.files import (
 )
 from treereg_core.series.history import State
 from treereg_core.series.registering import Member, Series, carry_out, check_folders, name_of
-from treereg_core.settings import merge, parse_assignments
 
 
 def series(
@@ -55,7 +56,13 @@ def series(
     out: Out = DEFAULT_OUT,
     overwrite: Overwrite = False,
     start: Annotated[
-        str, typer.Option(metavar="NAME|identity", help="A coarse aligner, or the files' own georeference.")
+        str,
+        typer.Option(
+            metavar="NAME|identity",
+            autocompletion=starts,
+            rich_help_panel=MATCHING,
+            help="A coarse aligner, or the files' own georeference.",
+        ),
     ] = DEFAULTS["start"],
     georeference_sd: GeoreferenceSd = None,
     model: ModelName = "rigid",
@@ -79,21 +86,12 @@ def series(
         raise UsageError(f"{taken} has a name that a file of the results has; rename it.")
     if start.lower().endswith(".json"):
         raise UsageError(f"--start {start}: one transform is no start for several surveys; give a coarse aligner.")
-    given = {
-        "method": method,
-        "start": start,
-        "georeference_sd": georeference_sd,
-        "model": model,
-        "max_failure": max_failure,
-        "settings": merge(tables(context), parse_assignments(set_ or ())),
-        "seed": seed,
-        "threads": threads,
-    }
-    plan = settle(given, config)
+    plan = settle(given(context), config)
     moved = raster_options((rasters, "auto", "reference"), (False, False), plan.options.threads)
 
     with io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier(out)) as folder:
         remembering = replace(plan, options=plan.options.model_copy(update={"memory": folder / MEMORY}))
+        console.items = len(surveys)
         found = carry_out(remembering, surveys, confidence_property, console.progress, tell)
         for warning in write_series(found, folder, moved, console.share):
             console.warn(warning)
@@ -101,12 +99,13 @@ def series(
     if as_json:
         typer.echo(text, nl=False)
     else:
-        print(summary(found, out))
+        console.show(summary(found, out))
     return 0 if len(found.accepted) == len(found.members) else 3
 
 
 def tell(member: Member) -> None:
     """What a user should know of a survey as soon as it is done."""
+    console.finished += 1
     for found in (member.survey, member.result):
         for warning in found.warnings if found else ():
             console.warn(f"{member.name}: {warning}")
@@ -126,7 +125,7 @@ def summary(found: Series, out: Path) -> str:
         lines.append([member.name, member.word, *numbers, f"{said.rms:.3f} m" if said else ""])
     accepted, others = len(found.accepted) - 1, len(found.members) - 1
     registered = f"{accepted} of {others} surveys registered onto {found.members[0].name}"
-    table = [f"  {line}" for line in in_columns(lines, flush_left=2)]
+    table = [f"  {line}" for line in in_columns(lines, flush_left=2, width=width(GAP))]
     trees = f"{int(found.history.probable.sum())} trees in {found.places.rows} rows"
-    files = ", ".join(str(out / name) for name in FILES)
-    return "\n".join([registered, *table, trees, f"  files  {files}"])
+    files = hanging("  files  ", [str(out / name) for name in FILES], width())
+    return "\n".join([registered, *table, trees, *files])

@@ -9,7 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
+from treereg_core.cli.completion import families
 from treereg_core.cli.console import Quiet, Verbose, console
+from treereg_core.cli.help import SCENE
 from treereg_core.errors import UsageError
 from treereg_core.io import SIMULATION_NAMES, OutputFolder
 from treereg_core.settings import describe, parse_value, range_in_words, record
@@ -40,13 +42,14 @@ def scene_option(field: str, words: dict[str, Any]) -> Any:
     allowed = range_in_words(words)
     help_text = words.get("description", "") + (f" ({allowed})" if allowed else "")
     default = words.get("default")
+    below: dict[str, Any] = {"rich_help_panel": SCENE}
     if words.get("type") == "boolean":
-        return Annotated[bool | None, typer.Option(f"{flag(field)}/--no-{flag(field)[2:]}", help=help_text)]
+        return Annotated[bool | None, typer.Option(f"{flag(field)}/--no-{flag(field)[2:]}", help=help_text, **below)]
     unit = "METRES" if words.get("unit") == "m" else "DEGREES" if words.get("unit") == "deg" else "VALUE"
     if "array" in words.get("type", ""):
-        return Annotated[tuple[float, float] | None, typer.Option(flag(field), metavar="X Y", help=help_text)]
+        return Annotated[tuple[float, float] | None, typer.Option(flag(field), metavar="X Y", help=help_text, **below)]
     shown = "" if default is None else f" [default: {default}]"
-    return Annotated[str | None, typer.Option(flag(field), metavar=unit, help=help_text + shown)]
+    return Annotated[str | None, typer.Option(flag(field), metavar=unit, help=help_text + shown, **below)]
 
 
 @with_scene
@@ -54,9 +57,12 @@ def simulate(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Gets reference, source and truth.json.")],
     *,
     family: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"Instead of scene options: one of {', '.join(FAMILIES)}.")
+        str | None,
+        typer.Option(
+            metavar="NAME", autocompletion=families, help=f"Instead of scene options: one of {', '.join(FAMILIES)}."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same surveys.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="The same seed gives the same surveys.")] = 0,
     rasters: Annotated[
         bool, typer.Option("--rasters/--no-rasters", help="An orthomosaic and elevations at 10 cm for both surveys.")
     ] = True,
@@ -71,9 +77,15 @@ def simulate(
         raise UsageError(f"--family and {flag(next(iter(given)))} exclude each other; leave one out.")
     described = record(Scene, given, flag) if family is None else family_scene(family, seed)
     with OutputFolder(folder, overwrite=overwrite, names=SIMULATION_NAMES) as staging:
+        console.share("simulate", 0)
         made = simulated(described, seed)
-        write_simulation(made, staging, rasters=rasters)
-    console.progress(f"{len(made.reference)} and {len(made.source)} trees written to {folder}")
+        write_simulation(made, staging, rasters=rasters, progress=painting)
+    console.note(f"{len(made.reference)} and {len(made.source)} trees written to {folder}")
+
+
+def painting(name: str, share: float) -> None:
+    """How much of a survey's images is done."""
+    console.share(f"paint {name}", share)
 
 
 def plain(value: Any) -> Any:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from treereg_core.judgement import Matches
+from treereg_core.cli.columns import hanging, labelled
+from treereg_core.cli.console import painted, width
+from treereg_core.judgement import Judgement, Matches, Verdict
 from treereg_core.result import Result, trees
+
+COLOURS = {Verdict.ACCEPTED: "green", Verdict.AMBIGUOUS: "yellow", Verdict.FAILED: "red"}
 
 
 def summary(result: Result, out: Path, files: Iterable[str], true_error_m: float | None) -> str:
-    """The verdict with its reason, how far to trust it, and where the files are."""
+    """The verdict with its reason, how far to trust it, where the files are, and what to do when it is not accepted."""
     said, options = result.judgement, result.plan.options
-    lines = [f"{said.verdict.value}: {said.reason}"]
-    rows = {"method": f"{options.method} from {options.start}"}
+    names = list(files)
+    first, *further = hanging("", f"{said.verdict.value}: {said.reason}", width())
+    head = painted(said.verdict.value, COLOURS[said.verdict]) + first.removeprefix(said.verdict.value)
+    rows: dict[str, str | Sequence[str]] = {"method": f"{options.method} from {options.start}"}
     if said.transform is not None:
         centroid = trees(result.source).xy.mean(axis=0, keepdims=True)
         east, north = (said.transform(centroid) - centroid)[0]
@@ -34,9 +41,25 @@ def summary(result: Result, out: Path, files: Iterable[str], true_error_m: float
     rows["failure probability"] = f"{said.failure_probability:.2g}"
     if true_error_m is not None:
         rows["true error"] = f"{true_error_m:.3f} m (a simulated orchard, so it is known)"
-    rows["files"] = ", ".join(str(out / name) for name in files)
-    width = max(map(len, rows)) + 2
-    return "\n".join(lines + [f"  {name.ljust(width)}{text}" for name, text in rows.items()])
+    rows["files"] = [str(out / name) for name in names]
+    if not result.accepted:
+        rows["what next"] = what_next(said, out / names[0])
+    return "\n".join([head, *further, *labelled(rows, width())])
+
+
+def what_next(said: Judgement, registration: Path) -> str:
+    """What a person can do about a result that was not accepted."""
+    if said.verdict is Verdict.FAILED:
+        return (
+            "see that both folders show one orchard and share a good part of it; begin from a placement of your own "
+            "with --start FILE.json, or from the files' own georeference with --start identity"
+        )
+    apply = f"treereg apply {shlex.quote(str(registration))} FILE... --out DIR"
+    choose = f"{apply} --rival 1 (the first rival; --force: this one)" if said.rivals else f"{apply} --force"
+    return (
+        "if you know how far the files' georeference may be off, run it again with --georeference-sd METRES; else "
+        f"compare the placements on an image and choose one: {choose}"
+    )
 
 
 def in_words(matches: Matches, used: int) -> str:

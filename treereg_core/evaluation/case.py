@@ -11,10 +11,13 @@ import numpy as np
 from treereg_core.evaluator import Problem
 from treereg_core.features import BoolArray, FeatureSet
 from treereg_core.image import Image
+from treereg_core.misregistration import drawn, misregistration
 from treereg_core.simulate import FAMILIES, Simulation, simulate_family
-from treereg_core.transform import Affine, FloatArray, Rigid
+from treereg_core.transform import Affine, FloatArray
 
 NONE = math.nan
+RIGHT_M = 0.5
+RIGHT_FACTOR = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,10 @@ class Case:
         xy = self.problem.source.xy[self.counted]
         return math.sqrt(float(np.mean(((found(xy) - truth(xy)) ** 2).sum(axis=1))))
 
+    def right(self, found: Affine | None) -> bool:
+        """Whether a placement counts as right: `is_right` of its error; never without a placement or a truth."""
+        return is_right(self.error(found), self.fit_error, self.bend)
+
     @property
     def misplaced(self) -> tuple[float, float]:
         """How far the files' own georeference is off: turn, degrees, and shift of the trees' centroid, metres."""
@@ -51,6 +58,15 @@ class Case:
             return NONE, NONE
         centroid = self.problem.source.xy.mean(axis=0, keepdims=True)
         return abs(truth.rotation_deg), float(np.hypot(*(truth(centroid) - centroid)[0]))
+
+
+def is_right(error: float, fit_error: float, bend: float) -> bool:
+    """Whether an error, metres, is below 0.5 m or 1.25 times that of the fit with the true pairs; never for NaN.
+
+    Both then count the distortion that no rigid transform can undo (`bend`).
+    """
+    limit = RIGHT_M if math.isnan(fit_error) else max(RIGHT_M, RIGHT_FACTOR * math.hypot(fit_error, bend))
+    return math.hypot(error, bend) < limit
 
 
 class Source(Protocol):
@@ -114,16 +130,9 @@ class Misregistered:
 
     def case(self, name: str, seed: int) -> Case:
         """The surveys with the misregistration of this seed."""
-        rng = np.random.default_rng(seed)
-        wrong = misregistration(self.source, self.rotation_sd * rng.standard_normal(), self.translation_sd, rng)
+        wrong = misregistration(self.source, *drawn(seed, self.rotation_sd, self.translation_sd))
         source = self.source.replace(xy=wrong(self.source.xy))
         images = self.images and (self.images[0], self.images[1].moved(wrong))
         checkpoints = self.checkpoints and (self.checkpoints[0], wrong(self.checkpoints[1]))
         problem = Problem(self.reference, source, wrong.inverse(), images, checkpoints)
         return Case(name, seed, problem, np.ones(len(source), dtype=bool))
-
-
-def misregistration(source: FeatureSet, rotation_deg: float, translation_sd: float, rng: np.random.Generator) -> Rigid:
-    """A turn about the trees' centroid, then a shift drawn with this standard deviation for each axis, metres."""
-    shift = translation_sd * rng.standard_normal(2)
-    return Rigid.turn(rotation_deg, about=source.xy.mean(axis=0), shift=shift)

@@ -84,7 +84,7 @@ def _check(path: Path, trials: Sequence[Trial], study: Study) -> None:
     other = next((trial for trial in trials if trial.setup not in setups or trial.name not in names), None)
     if other is not None:
         raise UsageError(
-            f"{path} holds trials of {other.name} under other options; give the same ones again, or another folder."
+            f"{path} holds trials of {other.name} under other options; give the same ones again, or write elsewhere."
         )
 
 

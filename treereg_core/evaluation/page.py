@@ -29,12 +29,14 @@ small { color: inherit; opacity: 0.75; }
 """
 LEGEND = (
     "In brackets 95 % intervals: Wilson for shares, bootstrap for errors. Right: an error below 0.5 m, or 1.25 times "
-    "that of the fit with the true pairs where these are known. Silent: accepted though wrong. Flagged: right, but not "
-    "accepted. Errors are of all trials with a placement, wrong ones too."
+    "that of the fit with the true pairs where these are known. Silent: accepted though wrong, with the 95 % "
+    "upper bound of its share among the accepted. Flagged: right, but not accepted. Errors are of all trials with a "
+    "placement, wrong ones too. Coverage: how often, among the right, the 95 % interval of the expected error holds "
+    "the true one."
 )
 HEADER = (
     *("method and start", "trials of", "trials", "right", "silent", "flagged", "failed"),
-    *("median error", "95th percentile", "error / best fit", "seconds"),
+    *("median error", "95th percentile", "error / best fit", "coverage", "seconds"),
 )
 
 
@@ -83,11 +85,12 @@ def row(line: Line) -> str:
     """A line of the table."""
     error = line.error
     values = (
-        *(label(line), line.name, str(line.trials), in_words(line.right), str(line.silent)),
+        *(label(line), line.name, str(line.trials), in_words(line.right), silent_in_words(line)),
         *(in_words(line.flagged), in_words(line.failed)),
         f"{error.median:.3f} m [{error.median_ci95[0]:.3f}, {error.median_ci95[1]:.3f}]" if error else "-",
         f"{error.p95:.3f} m [{error.p95_ci95[0]:.3f}, {error.p95_ci95[1]:.3f}]" if error else "-",
         f"{line.ratio:.2f}" if line.ratio is not None else "-",
+        in_words(line.covered),
         f"{line.seconds:.2f}" if line.seconds is not None else "-",
     )
     return f"<tr{' class=all' if line.name == ALL else ''}>{cells(values, 'td')}</tr>"
@@ -104,3 +107,8 @@ def in_words(share: Share) -> str:
         return "-"
     low, high = share.ci95
     return f"{100 * share.count / share.of:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def silent_in_words(line: Line) -> str:
+    """How many are wrong in silence, and how many of the accepted ones could be for all that was seen."""
+    return f"{line.silent} (at most {100 * line.silent_at_most:.2f} %)"

@@ -67,6 +67,7 @@ class Line:
     - `right`: with an error below 0.5 m, or 1.25 times that of the fit with the true pairs.
     - `silent`: accepted though wrong; `silent_at_most` is the 95 % upper bound of its share among the accepted.
     - `flagged`: of the right, not accepted; `failed`: without a placement; `crashed`: a fault of the code.
+    - `covered`: of the right, those in which the 95 % interval of the expected error holds the true one.
     - `error`: metres, over all trials with a placement; `ratio`: its median over that of the fit with the true pairs,
       both over the right; None where that is not known.
     - `milestones`: trials in which such a share of the trees, or more, was placed within half a tree spacing.
@@ -82,6 +83,7 @@ class Line:
     silent_at_most: float
     flagged: Share
     failed: Share
+    covered: Share
     crashed: int
     error: Typical | None
     ratio: float | None
@@ -108,6 +110,7 @@ class Line:
             silent_at_most=upper_bound(silent, accepted),
             flagged=Share(sum(not trial.accepted for trial in right), len(right)),
             failed=Share(sum(trial.verdict == "failed" for trial in trials), len(trials)),
+            covered=Share(sum(trial.covered for trial in right), len(right)),
             crashed=sum(trial.verdict == CRASHED for trial in trials),
             error=Typical.of([trial.error for trial in trials]),
             ratio=float(np.median([t.error for t in right]) / np.median(fits)) if fits else None,
@@ -128,6 +131,7 @@ class Line:
             "silently_wrong": {"count": self.silent, "share_at_most": self.silent_at_most},
             "flagged_though_right": self.flagged.to_json(),
             "failed": self.failed.to_json(),
+            "interval_holds_error": self.covered.to_json(),
             "crashed": self.crashed,
             "error_m": error
             and {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,8 +20,6 @@ from treereg_core.result import Result
 from treereg_core.transform import Rigid
 
 CRASHED = "crashed"
-RIGHT_M = 0.5
-RIGHT_FACTOR = 1.25
 
 
 @dataclass(frozen=True)
@@ -30,9 +27,7 @@ class Trial:
     """One row. Errors in metres, RMS over the source's true trees; NaN where there is none.
 
     - `setup`: a digest of all other options; `name` and `seed` of the case.
-    - `right`: the error is below 0.5 m or 1.25 times that of the fit with the true pairs. Both then count the
-      distortion that no rigid transform can undo (`bend`); in the columns they do not. Nothing is right without a
-      truth.
+    - `right`: as `Case.right` has it; the errors there count the distortion (`bend`), in the columns they do not.
     - `rotation_deg`, `translation_m`: how far the files' own georeference was off; `misplaced`: by how much the
       source's true trees, RMS.
     - `figures`: what the evaluators say, by `evaluator.figure`; NaN for None.
@@ -74,6 +69,11 @@ class Trial:
         return self.accepted and not self.right
 
     @property
+    def covered(self) -> bool:
+        """Whether the 95 % interval of the expected error holds the true one."""
+        return self.ci_low <= self.error <= self.ci_high
+
+    @property
     def seconds(self) -> float:
         """All the work, reading aside."""
         return self.start_s + self.match_s + self.judge_s
@@ -101,19 +101,19 @@ def run_trial(options: Options, case: Case) -> Trial:
     }
     clock = Clock()
     try:
-        result = execute(plan(options.model_dump_json()), (problem.reference, problem.source), clock)
+        result = execute(plan_of(options), (problem.reference, problem.source), clock)
     except Exception as fault:
         print(f"{case.name} seed {case.seed}: {type(fault).__name__}: {fault}", file=sys.stderr, flush=True)
         return Trial(**about, verdict=CRASHED)
     said = result.judgement
-    expected, error = said.expected_error, case.error(said.transform)
+    expected = said.expected_error
     return Trial(
         **about,
         verdict=said.verdict.value,
         matched=len(said.matches.pairs),
-        right=is_right(error, case.fit_error, case.bend),
+        right=case.right(said.transform),
         failure_probability=said.failure_probability,
-        error=error,
+        error=case.error(said.transform),
         fit_error=case.fit_error,
         bend=case.bend,
         expected_rms=expected.rms if expected else NONE,
@@ -127,9 +127,13 @@ def run_trial(options: Options, case: Case) -> Trial:
     )
 
 
+def plan_of(options: Options) -> Plan:
+    """The plan of these options with one thread, made once in a process."""
+    return _plan(options.model_dump_json())
+
+
 @cache
-def plan(options: str) -> Plan:
-    """The plan of options, given as JSON, with one thread."""
+def _plan(options: str) -> Plan:
     return plan_for(Options.model_validate_json(options).model_copy(update={"threads": 1}), installed())
 
 
@@ -148,9 +152,3 @@ def figures(result: Result, case: Case) -> dict[str, float]:
         for name, value in evaluator.score(result.judgement, case.problem).items():
             found[f"{evaluator.name}.{name}"] = NONE if value is None else float(value)
     return found
-
-
-def is_right(error: float, fit_error: float, bend: float) -> bool:
-    """Whether an error counts as right; never where there is none."""
-    limit = RIGHT_M if math.isnan(fit_error) else max(RIGHT_M, RIGHT_FACTOR * math.hypot(fit_error, bend))
-    return math.hypot(error, bend) < limit

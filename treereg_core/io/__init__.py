@@ -11,6 +11,7 @@
 
 from treereg_core.io.checkpoints import read_checkpoints
 from treereg_core.io.crs import full_coordinates
+from treereg_core.io.files import find_files
 from treereg_core.io.grid import Grid, Motion
 from treereg_core.io.images import read_image, read_images
 from treereg_core.io.memory import (
@@ -29,7 +30,7 @@ from treereg_core.io.reading import read_series, read_survey, read_surveys
 from treereg_core.io.resampling import Resampling
 from treereg_core.io.transforms import full_from_frame, read_motion, read_transform
 from treereg_core.io.trees import write_tree_points, write_tree_table
-from treereg_core.io.vectors import is_vector, move_vector, vector_names
+from treereg_core.io.vectors import holds_geojson, is_vector, move_vector, vector_names
 from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows, write_text
 
 __all__ = [
@@ -48,8 +49,10 @@ __all__ = [
     "check_raster_space",
     "check_value",
     "damaged",
+    "find_files",
     "full_coordinates",
     "full_from_frame",
+    "holds_geojson",
     "is_survey_file",
     "is_vector",
     "memory_lock",

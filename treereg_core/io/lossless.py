@@ -40,7 +40,7 @@ def moved_grid(raster: Raster, motion: Motion) -> tuple[Grid, tuple[str, ...]]:
     worst = float(np.hypot(*(fitted.inverse()(there) - points).T).max())
     warning = (
         f"{raster.path} is in another CRS than the transform, so that no georeference alone puts it right: pixels lie "
-        f"up to {worst:.2f} pixels off; leave out lossless to have it exact."
+        f"up to {worst:.2f} pixels off; reproject it, or leave out lossless."
     )
     found = Grid(fitted, grid.width, grid.height, grid.crs, grid.wkt)
     return found, (warning,) if worst > WARN_PIXELS else ()
@@ -56,7 +56,8 @@ def check_geotiff(raster: Raster) -> None:
     """Raise `InputError` for a raster whose georeference alone cannot be rewritten."""
     if raster.driver != "GTiff":
         raise InputError(
-            f"{raster.path} is no GeoTIFF, so that its georeference alone cannot be rewritten; leave out lossless."
+            f"{raster.path} is no GeoTIFF, so that its georeference alone cannot be rewritten; export it as one, or "
+            "leave out lossless."
         )
 
 

@@ -35,6 +35,13 @@ def is_vector(path: Path) -> bool:
     return path.suffix.lower() in VECTOR_SUFFIXES
 
 
+def holds_geojson(path: Path) -> bool:
+    """Whether a JSON file calls itself GeoJSON. `InputError` for one that is not JSON."""
+    document = read_json(path)
+    kind = document.get("type") if isinstance(document, dict) else None
+    return kind in ("FeatureCollection", "Feature", *geojson.GEOMETRY_TYPES)
+
+
 def vector_names(path: Path) -> tuple[str, ...]:
     """The names of the files that moving a vector file writes."""
     if path.suffix.lower() == ".shp":

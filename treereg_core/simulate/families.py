@@ -226,3 +226,5 @@ _ALL = (
 )
 
 FAMILIES: Mapping[str, Family] = MappingProxyType({family.name: family for family in _ALL})
+GROUPS = tuple(dict.fromkeys(family.group for family in _ALL))
+"""How families are put together: by how much they ask for."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +35,12 @@ def write_simulation(
     crs: str = "EPSG:32734",
     origin: Origin = (343_000.0, 6_306_000.0),
     rasters: bool = False,
+    progress: Callable[[str, float], None] = lambda name, share: None,
 ) -> None:
     """Write `folder`/reference, `folder`/source and, last of all, `folder`/truth.json.
 
-    With `rasters` both surveys have their images too, which takes some seconds.
+    With `rasters` both surveys have their images too, which takes some seconds; `progress` is given the name of a
+    survey and the share of its images that is done.
 
     `crs` is projected and in metres, `origin` the full coordinates, easting and northing, of the orchard's centre; the
     defaults lie among the orchards of Ceres, South Africa. Each file is complete or absent. Raises `UsageError` when
@@ -51,7 +54,7 @@ def write_simulation(
         for which, flight in enumerate(simulation.flights if rasters else ()):
             name = list(surveys)[which]
             scenery = Scenery.of(flight, surveys[name], outlines[which], simulation.seed, which)
-            write_images(scenery, folder / name, crs, origin)
+            write_images(scenery, folder / name, crs, origin, partial(progress, name))
         _write(folder / "truth.json", _object(_truth(simulation, crs, origin)))
 
 

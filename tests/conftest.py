@@ -1,5 +1,7 @@
 """What holds for all tests: the outside plugin can be imported, and hypothesis has no deadlines.
 
+The outside plugin's own tests are run where it is installed, in `test_strangers.py`.
+
 In CI hypothesis tries the same examples every time.
 """
 
@@ -8,6 +10,8 @@ import sys
 from pathlib import Path
 
 from hypothesis import settings
+
+collect_ignore = ["outside/tests"]
 
 sys.path.append(str(Path(__file__).parent / "outside"))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import importlib.util
 import inspect
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
@@ -34,13 +35,18 @@ OFFERS: dict[str, tuple[type, ...]] = {
     "treereg_evaluators": (Evaluator,),
     "treereg_recipes": (Recipe,),
 }
+FILES = "TREEREG_PLUGINS"
+"""The environment variable that names plugin files to be used as if they were installed, parted like those of PATH."""
 RESERVED = frozenset({"identity", "judge", "nearest_rows", "pipeline", "read", "start", "write"})
 """Words that mean something else in options and results."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One row of `treereg methods`: what is offered, by whom; `problem` says why it cannot be used."""
+    """One row of `treereg methods`: what is offered, by whom; `problem` says why it cannot be used.
+
+    The distribution of what a plugin file offers is the file, and its version the word `(file)`.
+    """
 
     name: str
     role: str
@@ -69,6 +75,12 @@ class Registry:
     """Everything that plugins offer, sorted by role and name."""
 
     entries: tuple[Entry, ...]
+
+    def under(self, entries: Iterable[Entry]) -> Registry:
+        """This registry with further entries, which hide those of the same names."""
+        own = tuple(entries)
+        names = {entry.name for entry in own}
+        return Registry(sorted_by_role([*own, *(entry for entry in self.entries if entry.name not in names)]))
 
     def names(self, *kinds: type) -> list[str]:
         """The usable names whose offer is of one of these kinds (roles or `Recipe`)."""
@@ -119,9 +131,23 @@ def published() -> frozenset[str]:
     return frozenset(re.split(r"[^A-Za-z0-9._-]", line)[0] for line in wanted if "extra ==" in line)
 
 
-@cache
 def installed() -> Registry:
-    """The registry of this environment, read once."""
+    """The registry of this environment.
+
+    Plugin files that the environment variable `TREEREG_PLUGINS` names go before what is installed. What is installed is
+    read once, such a file again when it was changed. `InputError` when a file cannot be read, `PluginError` when it is
+    broken.
+    """
+    paths = [Path(text) for text in os.environ.get(FILES, "").split(os.pathsep) if text]
+    return with_files(*((path, path.resolve(), path.stat().st_mtime_ns if path.exists() else 0) for path in paths))
+
+
+@cache
+def with_files(*files: tuple[Path, Path, int]) -> Registry:
+    """The registry of all distributions, under plugin files: each its path as given, in full, and when it changed."""
+    if files:
+        own = [entry for path, _, _ in files for entry in from_file(path)]
+        return with_files().under(without_duplicates(own))
     return load(metadata.entry_points(group=hookspecs.GROUP))
 
 
@@ -135,19 +161,25 @@ def load(entry_points: Iterable[metadata.EntryPoint]) -> Registry:
             entries += offers(point.load(), blank)
         except (Exception, SystemExit) as error:
             entries.append(replace(blank, problem=f"{blank.origin} cannot be loaded: {in_words(error)}"))
-    return Registry(tuple(sorted(without_duplicates(entries), key=lambda e: (e.role, e.name))))
+    return Registry(sorted_by_role(without_duplicates(entries)))
+
+
+def sorted_by_role(entries: Iterable[Entry]) -> tuple[Entry, ...]:
+    """Entries in the order of `treereg methods`."""
+    return tuple(sorted(entries, key=lambda entry: (entry.role, entry.name)))
 
 
 def from_file(path: Path) -> tuple[Entry, ...]:
     """What a plugin in a single Python file offers. `InputError` when it cannot be read, `PluginError` when broken."""
-    spec = importlib.util.spec_from_file_location(f"treereg_plugin_file_{path.stem}", path)
+    name = "treereg_plugin_file_" + re.sub(r"\W", "_", str(path))
+    spec = importlib.util.spec_from_file_location(name, path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise InputError(f"{path}: there is no such Python file; give the path of a plugin's .py file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # pydantic and pickle look classes up by their module
     try:
         spec.loader.exec_module(module)
-        return tuple(offers(module, Entry(path.stem, "plugin", str(path), "")))
+        return tuple(offers(module, Entry(path.stem, "plugin", str(path), "(file)")))
     except (Exception, SystemExit) as error:
         raise PluginError(f"{path} cannot be loaded: {in_words(error)}") from error
 
@@ -227,7 +259,7 @@ def without_duplicates(entries: list[Entry]) -> Iterator[Entry]:
             yield same[0]
         else:
             givers = " and ".join(entry.origin for entry in same)
-            problem = f"{name!r} is offered by {givers}; uninstall one of them"
+            problem = f"{name!r} is offered by {givers}; keep one of them"
             yield replace(same[0], distribution=", ".join(e.distribution for e in same), version="", problem=problem)
     yield from (entry for entry in entries if entry.problem is not None)
 

@@ -88,7 +88,7 @@ def test_a_duplicate_method_name_is_refused_naming_both_distributions(site: Site
     site.add("three", GOOD.format(name="other"), entry_point="z")
     found = site.registry()
     assert found.names(PointMatcher) == ["other"]
-    with pytest.raises(PluginError, match=r"offered by .*(one 1\.2 and two 1\.2|two 1\.2 and one 1\.2); uninstall"):
+    with pytest.raises(PluginError, match=r"offered by .*(one 1\.2 and two 1\.2|two 1\.2 and one 1\.2); keep one"):
         found.entry("near")
 
 

@@ -50,6 +50,7 @@ from treereg_core.cli.options import (
     WorldFile,
     raster_options,
 )
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.cli.run import settle
 from treereg_core.errors import UsageError
 from treereg_core.io.output import DEFAULT_OUT
@@ -103,10 +104,12 @@ def batch(
     seed: Seed = 0,
     threads: Annotated[int, typer.Option(min=1, metavar="N", help="At most this many for one orchard.")] = 1,
     confidence_property: ConfidenceProperty = "confidence",
+    plugin: Plugin = None,
     verbose: Verbose = False,
     quiet: Quiet = False,
 ) -> int:
     """Register each orchard of a manifest, in processes here or on a Dask cluster; what is done is not repeated."""
+    use_plugins(context, plugin)
     if start.lower().endswith(".json"):
         raise UsageError(f"--start {start}: one transform is no start for several orchards; give a coarse aligner.")
     if scheduler and jobs:

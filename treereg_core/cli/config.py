@@ -15,7 +15,7 @@ from treereg_core.options import Options
 from treereg_core.settings import merge, parse_assignments, read_config, suggestion
 
 TABLES = "treereg.config.tables"
-ONLY_ON_THE_COMMAND_LINE = frozenset({"config", "set", "help"})
+ONLY_ON_THE_COMMAND_LINE = frozenset({"config", "set", "plugin", "help"})
 
 
 def _use(context: typer.Context, path: Path | None) -> Path | None:

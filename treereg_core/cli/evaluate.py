@@ -24,6 +24,7 @@ from treereg_core.cli.options import (
     Out,
     Set,
 )
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.cli.run import settle
 from treereg_core.errors import UsageError
 from treereg_core.evaluation import Families, Misregistered, Study, run_all
@@ -83,6 +84,7 @@ def evaluate(
     max_failure: MaxFailure = 0.001,
     set_: Set = None,
     config: Config = None,
+    plugin: Plugin = None,
     jobs: Annotated[int | None, typer.Option(min=1, metavar="N", help="Processes; default: all processors.")] = None,
     out: Out = DEFAULT_OUT,
     overwrite: Annotated[
@@ -94,6 +96,7 @@ def evaluate(
     quiet: Quiet = False,
 ) -> None:
     """Register the same trials, with known misplacements, by every method from every start, and compare."""
+    use_plugins(context, plugin)
     names = method or [DEFAULTS["method"]], start or [DEFAULTS["start"]]
     setups = setups_of(given(context), names, config)
     folders = surveys or []

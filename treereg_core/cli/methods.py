@@ -14,6 +14,7 @@ import typer
 from treereg_core.cli.columns import with_text
 from treereg_core.cli.completion import names
 from treereg_core.cli.console import Verbose, console, width
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.judge import Judge
 from treereg_core.method import Method
 from treereg_core.network import Network
@@ -23,14 +24,17 @@ from treereg_core.settings import describe, range_in_words
 
 
 def methods(
+    context: typer.Context,
     name: Annotated[
         str | None,
         typer.Argument(metavar="NAME", autocompletion=names, help="One of them, or `judge`, to see its settings."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The same as JSON.")] = False,
+    plugin: Plugin = None,
     verbose: Verbose = False,
 ) -> None:
     """List every installed method, recipe and evaluator; with NAME its settings, units, ranges, source and network."""
+    use_plugins(context, plugin)
     registry = installed()
     if name is None:
         rows = [as_plain(entry) for entry in registry.entries]

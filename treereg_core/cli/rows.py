@@ -15,6 +15,7 @@ from treereg_core.cli.completion import row_expressions
 from treereg_core.cli.config import Config, given, read_from
 from treereg_core.cli.console import Quiet, Verbose, console, width
 from treereg_core.cli.options import DEFAULTS, ConfidenceProperty, Seed, Set, Threads
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.detection import RowOptions, RowPlan, carry_out, row_plan
 from treereg_core.errors import InputError, NoRegistration, UsageError
 from treereg_core.pair import Rows
@@ -36,6 +37,7 @@ def rows(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file where there is one.")] = False,
     set_: Set = None,
     config: Config = None,
+    plugin: Plugin = None,
     seed: Seed = 0,
     threads: Threads = None,
     confidence_property: ConfidenceProperty = "confidence",
@@ -43,6 +45,7 @@ def rows(
     quiet: Quiet = False,
 ) -> None:
     """Find the planting rows of one survey; row 1, tree 1 is at the north-west corner."""
+    use_plugins(context, plugin)
     with read_from(config):
         plan = row_plan(record(RowOptions, given(context), lambda field: f"--{field}"), installed())
     check_place(out, overwrite)

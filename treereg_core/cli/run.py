@@ -35,6 +35,7 @@ from treereg_core.cli.options import (
     WorldFile,
     raster_options,
 )
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.cli.summary import summary
 from treereg_core.errors import UsageError
 from treereg_core.io.output import DEFAULT_OUT
@@ -72,6 +73,7 @@ def run(
     max_failure: MaxFailure = 0.001,
     set_: Set = None,
     config: Config = None,
+    plugin: Plugin = None,
     memory: Annotated[
         Path | None,
         typer.Option(
@@ -97,6 +99,7 @@ def run(
     quiet: Quiet = False,
 ) -> int:
     """Register SOURCE onto REFERENCE, two survey folders; without them a demonstration orchard."""
+    use_plugins(context, plugin)
     if (reference is None) != (source is None):
         raise UsageError("one survey folder alone cannot be registered; give REFERENCE and SOURCE, or neither.")
     plan = settle(given(context), config)

@@ -29,6 +29,7 @@ from treereg_core.cli.options import (
     Threads,
     raster_options,
 )
+from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.cli.run import settle
 from treereg_core.errors import UsageError
 from treereg_core.io.output import DEFAULT_OUT
@@ -68,6 +69,7 @@ def series(
     max_failure: MaxFailure = 0.001,
     set_: Set = None,
     config: Config = None,
+    plugin: Plugin = None,
     rasters: Rasters = "cog",
     seed: Seed = 0,
     threads: Threads = None,
@@ -77,6 +79,7 @@ def series(
     quiet: Quiet = False,
 ) -> int:
     """Register the surveys of one orchard onto the first of them, and follow every tree through time."""
+    use_plugins(context, plugin)
     check_folders(surveys)
     taken = next((folder for folder in surveys if name_of(folder) in RESERVED), None)
     if taken is not None:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+from unittest import SkipTest
 
 from treereg_core.method import Method
 
@@ -14,8 +15,8 @@ Law = Callable[[Any], None]
 """Takes a method of the role that the law is about; its name is the function's."""
 
 
-class LawSkipped(Exception):  # noqa: N818 -- an outcome, not a fault
-    """A law that cannot be tried on this method or in this environment, and why."""
+class LawSkipped(SkipTest):
+    """A law that cannot be tried on this method or in this environment, and why; pytest and unittest skip the test."""
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,18 @@ from treereg_outside.crowns import LargeCrowns
 from treereg_outside.mutual import Mutual
 from treereg_outside.straight_rows import StraightRows
 
+__all__ = ["LargeCrowns", "Mutual", "StraightRows", "treereg_methods", "treereg_recipes"]
+
 
 @hookimpl
 def treereg_methods() -> list[type[Method]]:
+    """The methods of this distribution."""
     return [LargeCrowns, StraightRows, Mutual]
 
 
 @hookimpl
 def treereg_recipes() -> list[Recipe]:
+    """Its recipes."""
     return [
         Recipe(
             "outside",

@@ -18,14 +18,15 @@ class Mutual(PointMatcher):
     rounds: int = Field(50, ge=1, le=500, description="most rounds before it stops")
 
     def register(self, pair: Pair, context: Context) -> Registration:
+        """Pair trees that are each other's nearest and fit the model to them, until nothing moves any more."""
         reference, source = pair.reference, pair.source
         if min(len(reference), len(source)) < 3 or reference.spacing == 0:
             raise NoRegistration("there are too few trees")
         transform = pair.reference_from_source
         for _ in range(self.rounds):
             moved = transform(source.xy)
-            distance, i = reference.tree.query(moved)
-            _, back = cKDTree(moved).query(reference.xy)
+            distance, i = map(np.asarray, reference.tree.query(moved))
+            back = np.asarray(cKDTree(moved).query(reference.xy)[1])
             j = np.flatnonzero((back[i] == np.arange(len(moved))) & (distance < self.reach * reference.spacing))
             if len(j) < 3:
                 raise NoRegistration("fewer than three pairs are within reach")

@@ -28,6 +28,7 @@ class StraightRows(RowDetector):
     )
 
     def detect(self, features: FeatureSet, context: Context) -> Rows:
+        """The direction in which the trees' profile is sharpest, and its peaks."""
         spacing = features.spacing
         if spacing == 0:
             return Rows(())
@@ -48,7 +49,7 @@ class StraightRows(RowDetector):
 
     @staticmethod
     def _across(xy: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-        return xy @ np.array([-np.sin(angle), np.cos(angle)])
+        return np.asarray(xy @ np.array([-np.sin(angle), np.cos(angle)]))
 
     @staticmethod
     def _profile(across: NDArray[np.float64], spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

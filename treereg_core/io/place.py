@@ -17,6 +17,7 @@ from treereg_core.io.crs import to_frame
 from treereg_core.io.heights import read_heights
 from treereg_core.io.layer import Layer
 from treereg_core.io.polygons import polygonal
+from treereg_core.outlines import Outlines
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import FloatArray
 
@@ -56,6 +57,7 @@ def place(capture: Capture, frame: Frame) -> Survey:
     return Survey(
         path=capture.files.folder,
         detections=path,
+        table=capture.table,
         features=features if tall is None else features.replace(attributes={HEIGHT: tall}),
         frame=frame,
         count=len(polygons),
@@ -65,6 +67,7 @@ def place(capture: Capture, frame: Frame) -> Survey:
         warnings=capture.warnings + warnings + boundary_warnings + height_warnings,
         visible=capture.files.visible,
         dem=capture.files.dem,
+        outlines=Outlines.of(polygons[ids]),
     )
 
 

@@ -88,7 +88,7 @@ def write_matches(
     trees = surveys[0].features, surveys[1].features
     columns, lines = matched(trees, transform, matches, described)
     lonlat = np.round(from_frame(lines.reshape(-1, 2), surveys[0].frame), 9)
-    ends: list[Any] = lonlat.reshape(lines.shape).tolist()
+    ends: Any = lonlat.reshape(lines.shape).tolist()
     features = [
         {
             "type": "Feature",

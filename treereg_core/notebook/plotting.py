@@ -9,19 +9,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from treereg_core.errors import UsageError
+from treereg_core.features import BoolArray
 from treereg_core.notebook.scene import Scene
+from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from treereg_core.result import Result
 
-REFERENCE, SOURCE = "#0072B2", "#D55E00"
-"""Told apart by colour-blind eyes (Wong 2011, doi:10.1038/nmeth.1618)."""
-NAMES = {"reference": REFERENCE, "source": SOURCE}
-SIZE_INCHES = (8.0, 7.0)
-LONGEST = 0.5
-"""Residual vectors are enlarged until most of them are about this long, as a share of the distance between trees."""
+COLOURS = ("#0072B2", "#D55E00")
+"""Reference and source, told apart by colour-blind eyes (Wong 2011, doi:10.1038/nmeth.1618)."""
+LIGHT, DARK = 0.18, 0.5
+"""How opaque crowns are, with a partner and without."""
+SIZE_INCHES = (8.0, 7.5)
+LEGEND_POINTS = -38
+"""The legend's place, below the lower left corner of the axes."""
+ARROWS = 40
+"""Residuals are enlarged until so many of the longer ones would reach across the plot."""
+TITLE = 60
+"""Letters on a line of a title."""
+LEAST_M = 1e-6
+"""Shorter residuals are rounding, and not drawn."""
 
 
 class Show(Enum):
@@ -35,13 +44,18 @@ class Show(Enum):
 def plot(result: Result, show: str, ax: Axes | None, width_m: float | None) -> Axes:
     """Draw a result; see `Result.plot`."""
     wanted = _chosen(show)
+    low, high = _window(Scene.of(result), width_m)
     axes = _axes() if ax is None else ax
     scene = Scene.of(result, before=wanted is Show.BEFORE)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     if wanted is Show.RESIDUALS:
-        _draw_residuals(axes, scene)
+        _draw_residuals(axes, scene, float((high - low).max()))
+    elif wanted is Show.AFTER and result.transform is not None:
+        _draw_pairs(axes, scene)
     else:
-        _draw_canopies(axes, scene, moved=wanted is Show.AFTER and result.transform is not None)
-    _frame(axes, scene, result.frame.crs if result.frame else None, width_m)
+        for side, name in enumerate(("reference", "source, as georeferenced")):
+            _draw_crowns(axes, scene, side, f"{name}: {len(scene.trees[side]):,}", LIGHT)
+    _finish(axes, result.frame.crs if result.frame else None)
     axes.set_title(_title(result, wanted), loc="left", fontsize="medium")
     return axes
 
@@ -63,51 +77,52 @@ def _axes() -> Axes:
     return axes
 
 
-def _draw_canopies(axes: Axes, scene: Scene, moved: bool) -> None:
-    """Crowns of both surveys; those without a partner are hatched, pairs joined by a line between their middles."""
-    from matplotlib.collections import LineCollection, PolyCollection
+def _draw_pairs(axes: Axes, scene: Scene) -> None:
+    """Crowns of both surveys, darker without a partner, and a line between the middles of those that are a pair."""
+    from matplotlib.collections import LineCollection
+
+    for side, name in enumerate(("reference", "source, registered")):
+        alone = scene.alone[side]
+        _draw_crowns(axes, scene, side, f"{name}: {np.count_nonzero(~alone):,} matched", LIGHT, ~alone)
+        _draw_crowns(axes, scene, side, f"{name.split(',')[0]} only: {np.count_nonzero(alone):,}", DARK, alone)
+    axes.add_collection(LineCollection(list(scene.lines), colors=_ink(), linewidths=1.2, label="between a pair"))
+
+
+def _draw_crowns(
+    axes: Axes, scene: Scene, side: int, label: str, opacity: float, wanted: BoolArray | None = None
+) -> None:
+    """Crowns of the reference (0) or the source (1), all or those of the trees that are wanted."""
+    from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgba
 
-    for side, (name, colour) in enumerate(NAMES.items()):
-        tree, rings = zip(*scene.crowns(side), strict=True)
-        alone = scene.alone[side][np.array(tree)]
-        word = f"{name}, registered" if side and moved else f"{name}, as georeferenced" if side else name
-        for mask, label, fill, style in (
-            (~alone, f"{word}: {np.count_nonzero(~scene.alone[side]):,} matched", 0.18, "-"),
-            (alone, f"{name} alone: {np.count_nonzero(scene.alone[side]):,}", 0.5, "-"),
-        ):
-            if mask.any():
-                chosen = [ring for ring, wanted in zip(rings, mask, strict=True) if wanted]
-                face = to_rgba(colour, fill)
-                axes.add_collection(
-                    PolyCollection(chosen, facecolors=[face], edgecolors=colour, linewidths=0.8, label=label, ls=style)
-                )
-    dark = _ink()
-    axes.add_collection(LineCollection(list(scene.lines), colors=dark, linewidths=1.2, label="matched pair"))
+    colour = COLOURS[side]
+    rings = [ring for tree, ring in scene.crowns(side) if wanted is None or wanted[tree]]
+    faces = [to_rgba(colour, opacity)]
+    axes.add_collection(PolyCollection(rings, facecolors=faces, edgecolors=colour, linewidths=0.8, label=label))
 
 
-def _draw_residuals(axes: Axes, scene: Scene) -> None:
+def _draw_residuals(axes: Axes, scene: Scene, width: float) -> None:
     """An arrow at every matched tree, enlarged, from where the source has it towards where the reference has it."""
-    vector = np.diff(scene.lines, axis=1)[:, 0]
-    at = scene.lines[:, 1]
-    factor = _factor(scene, vector)
-    arrows = axes.quiver(
-        *at.T, *(vector * factor).T, angles="xy", scale_units="xy", scale=1, color=_ink(), width=0.0016, headwidth=4
-    )
-    for (name, colour), xy, alone, marker in zip(NAMES.items(), scene.xy, scene.alone, "o^", strict=True):
-        label = f"{name} alone: {np.count_nonzero(alone):,}"
-        axes.scatter(xy[alone, 0], xy[alone, 1], s=16, marker=marker, facecolors="none", edgecolors=colour, label=label)
-    if len(vector):
-        length = _round(float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))))
-        text = f"{length:g} m between a pair (drawn {factor:g} times as long)"
-        axes.quiverkey(arrows, 0.03, 0.03, length * factor, text, labelpos="E", coordinates="axes").set_zorder(6)
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-
-def _factor(scene: Scene, vector: Any) -> float:
-    """By how much vectors are enlarged: a round number."""
-    spacing = scene.trees[0].spacing
+    vector, at = np.diff(scene.lines, axis=1)[:, 0], scene.lines[:, 1]
+    for side, (name, marker) in enumerate((("reference", "o"), ("source", "^"))):
+        xy = scene.xy[side][scene.alone[side]]
+        label = f"{name} only: {len(xy):,}"
+        axes.scatter(xy[:, 0], xy[:, 1], s=14, marker=marker, facecolors="none", edgecolors=COLOURS[side], label=label)
     usual = float(np.quantile(np.hypot(*vector.T), 0.9)) if len(vector) else 0.0
-    return _round(LONGEST * spacing / usual) if usual > 0 and spacing > 0 else 1.0
+    if usual < LEAST_M:
+        return
+    factor = _round(max(width / ARROWS, scene.trees[0].spacing / 2) / usual)
+    arrows = vector * factor
+    axes.quiver(*at.T, *arrows.T, angles="xy", scale_units="xy", scale=1, color=_ink(), width=0.002, headwidth=3.5)
+    length = _round(usual)
+    text = f"{length:g} m from source to reference, drawn {factor:g} times as long"
+    bar = AnchoredSizeBar(axes.transData, length * factor, text, "lower right", size_vertical=0, sep=4, borderpad=0.6)
+    bar.patch.set(facecolor=axes.get_facecolor(), edgecolor="none", alpha=0.85)
+    bar.txt_label._text.set(color=_ink(), fontsize="small")
+    bar.size_bar.get_children()[0].set(edgecolor=_ink(), linewidth=2)
+    axes.add_artist(bar)
 
 
 def _round(value: float) -> float:
@@ -123,51 +138,55 @@ def _ink() -> str:
     return str(rcParams["text.color"])
 
 
-def _frame(axes: Axes, scene: Scene, crs: str | None, width_m: float | None) -> None:
-    """Equal scales, metres at the axes, a bar of round length, the legend below."""
+def _window(scene: Scene, width_m: float | None) -> tuple[FloatArray, FloatArray]:
+    """The corners of what is shown: all trees, or so many metres about the middle of the reference."""
     every = np.concatenate(scene.xy)
     low, high = every.min(axis=0), every.max(axis=0)
-    if width_m is not None:
-        if not width_m > 0:
-            raise UsageError(f"width_m is {width_m}; give the width of the plot in metres, more than 0")
-        middle = _middle(scene)
-        low, high = middle - width_m / 2, middle + width_m / 2
-    else:
+    if width_m is None:
         margin = 0.03 * float((high - low).max()) + 2.0
-        low, high = low - margin, high + margin
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    where = f", {crs}" if crs and len(crs) < 20 else ""
-    axes.set(xlabel=f"easting (m{where})" if crs else "x (m)", ylabel=f"northing (m{where})" if crs else "y (m)")
+        return low - margin, high + margin
+    if not width_m > 0:
+        raise UsageError(f"width_m is {width_m}; give the width of the plot in metres, more than 0")
+    middle = np.median(scene.xy[0], axis=0)
+    return middle - width_m / 2, middle + width_m / 2
+
+
+def _finish(axes: Axes, crs: str | None) -> None:
+    """Metres at the axes, and the legend below them."""
+    from matplotlib.ticker import MaxNLocator
+    from matplotlib.transforms import ScaledTranslation
+
+    named = f"m, {crs}" if crs and len(crs) < 20 else "m"
+    axes.set(xlabel=f"easting ({named})" if crs else "x (m)", ylabel=f"northing ({named})" if crs else "y (m)")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(_ticks())
+        axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
     axes.ticklabel_format(style="plain", useOffset=False)
     axes.grid(visible=True, linewidth=0.4, alpha=0.4)
     axes.set_axisbelow(True)
-    axes.legend(loc="upper left", bbox_to_anchor=(0, -0.09), ncols=3, frameon=False, fontsize="small", borderaxespad=0)
-
-
-def _ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(nbins=5, steps=[1, 2, 5, 10], integer=True)
-
-
-def _middle(scene: Scene) -> Any:
-    """The tree of the reference nearest to the middle of the pairs, or of the trees."""
-    xy = scene.xy[0]
-    about = scene.lines[:, 1] if len(scene.lines) else xy
-    return xy[np.argmin(np.hypot(*(xy - np.median(about, axis=0)).T))]
+    figure: Any = axes.get_figure(root=True)
+    below = axes.transAxes + ScaledTranslation(0, LEGEND_POINTS / 72, figure.dpi_scale_trans)
+    axes.legend(
+        loc="upper left",
+        bbox_to_anchor=(0, 0),
+        bbox_transform=below,
+        ncols=2,
+        frameon=False,
+        fontsize="small",
+        borderaxespad=0,
+        handlelength=1.6,
+        columnspacing=1.2,
+    )
 
 
 def _title(result: Result, show: Show) -> str:
     said = result.judgement
     matches = said.before if show is Show.BEFORE else said.matches
     pairs = f"{len(matches.pairs):,} of {result.comparable:,} trees matched"
-    rms = "" if matches.residual_rms is None else f", {matches.residual_rms:.2f} m apart"
+    if matches.residual_rms is not None:
+        pairs += f", {matches.residual_rms:.2f} m apart"
     if show is Show.BEFORE:
-        return f"before registration\n{pairs}{rms}"
-    if said.transform is None:
-        return "\n".join(textwrap.wrap(f"{said.verdict.value}: {said.reason}", 90))
-    error = said.expected_error
-    expected = "" if error is None else f": expected error {error.rms:.3f} m"
-    return f"{said.verdict.value}{expected}, failure probability {said.failure_probability:.1g}\n{pairs}{rms}"
+        return f"before registration\n{pairs}"
+    if said.expected_error is None:
+        return "\n".join(textwrap.wrap(f"{said.verdict.value}: {said.reason}", TITLE))
+    trust = f"{said.verdict.value}, failure probability {said.failure_probability:.1g}"
+    return f"{trust}\nexpected error {said.expected_error.rms:.3f} m\n{pairs}"

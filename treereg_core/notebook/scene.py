@@ -40,9 +40,9 @@ class Scene:
         said = result.judgement
         origin = np.asarray(result.frame.origin if result.frame else (0.0, 0.0))
         surveys = result.reference, result.source
-        if before or said.transform is None:
+        if before:
             return cls(surveys, Rigid.identity(), said.before, origin)
-        return cls(surveys, said.transform, said.matches, origin)
+        return cls(surveys, said.transform or Rigid.identity(), said.matches, origin)
 
     @cached_property
     def trees(self) -> tuple[FeatureSet, FeatureSet]:

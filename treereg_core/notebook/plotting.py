@@ -110,6 +110,7 @@ def _draw_residuals(axes: Axes, scene: Scene, width: float) -> None:
         xy = scene.xy[side][scene.alone[side]]
         label = f"{name} only: {len(xy):,}"
         axes.scatter(xy[:, 0], xy[:, 1], s=14, marker=marker, facecolors="none", edgecolors=COLOURS[side], label=label)
+    axes.scatter(at[:, 0], at[:, 1], s=2, color=_ink(), alpha=0.3, linewidths=0)
     usual = float(np.quantile(np.hypot(*vector.T), 0.9)) if len(vector) else 0.0
     if usual < LEAST_M:
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -334,3 +335,21 @@ def test_wrong_words_to_plot_and_no_matplotlib(result: Result, monkeypatch: pyte
 
 def test_the_package_says_what_it_has() -> None:
     assert all(hasattr(treereg_core, name) for name in treereg_core.__all__)
+
+
+def test_the_code_of_the_page_works(
+    orchard: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "REFERENCE").symlink_to(orchard / "reference")
+    (tmp_path / "SOURCE").symlink_to(orchard / "source")
+    frames(orchard)[1].iloc[len(BROKEN) :].to_file("pipes.gpkg")
+    page = Path(__file__).parents[2] / "docs" / "python.md"
+    names: dict[str, Any] = {}
+    for block in re.findall(r"^```python\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        exec(block, names)
+    assert names["result"].accepted
+    assert len(names["grown"]) == len(names["pairs"])
+    assert 0.8 < np.median(names["grown"]) < 1.25
+    assert (tmp_path / "registered" / "registration.json").exists()
+    matplotlib.pyplot.close("all")

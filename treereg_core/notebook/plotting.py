@@ -81,11 +81,13 @@ def _draw_pairs(axes: Axes, scene: Scene) -> None:
     """Crowns of both surveys, darker without a partner, and a line between the middles of those that are a pair."""
     from matplotlib.collections import LineCollection
 
-    for side, name in enumerate(("reference", "source, registered")):
+    for side, (name, word) in enumerate((("reference", ""), ("source", ", registered"))):
         alone = scene.alone[side]
-        _draw_crowns(axes, scene, side, f"{name}: {np.count_nonzero(~alone):,} matched", LIGHT, ~alone)
-        _draw_crowns(axes, scene, side, f"{name.split(',')[0]} only: {np.count_nonzero(alone):,}", DARK, alone)
-    axes.add_collection(LineCollection(list(scene.lines), colors=_ink(), linewidths=1.2, label="between a pair"))
+        _draw_crowns(axes, scene, side, f"{name}{word}: {np.count_nonzero(~alone):,} matched", LIGHT, ~alone)
+        _draw_crowns(axes, scene, side, f"{name} only: {np.count_nonzero(alone):,}", DARK, alone)
+        if side == 0:  # here for its place in the legend, which has two columns; lines lie above crowns
+            lines = LineCollection(list(scene.lines), colors=_ink(), linewidths=1.2, label="between a pair")
+            axes.add_collection(lines)
 
 
 def _draw_crowns(

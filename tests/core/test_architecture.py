@@ -17,19 +17,8 @@ RUNNER = {
     f"treereg_core.{name}"
     for name in (
         *("api", "application", "cli", "description", "detection", "expression", "heights", "io", "judge", "memory"),
-        *(
-            "notebook",
-            "options",
-            "outputs",
-            "pipeline",
-            "plan",
-            "recall",
-            "registry",
-            "result",
-            "rows",
-            "settings",
-            "simulate",
-        ),
+        "notebook",
+        *("options", "outputs", "pipeline", "plan", "recall", "registry", "result", "rows", "settings", "simulate"),
         *("survey", "survey_rasters", "testing"),
     )
 }

@@ -45,8 +45,8 @@ def read_surveys(
     Raises `InputError` as `read_survey` does, and, with `same_place`, when they lie more than 2 km apart.
     """
     fixed, moving = (
-        capture_of(given, confidence_property)
-        if isinstance(given, Path)
+        capture_of(Path(given), confidence_property)
+        if isinstance(given, str | Path)
         else capture_of_table(given, Path(name), confidence_property)
         for name, given in (("reference", reference), ("source", source))
     )

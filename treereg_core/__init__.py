@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from treereg_core.api import register
     from treereg_core.detection import detect_rows
+    from treereg_core.features import FeatureSet
     from treereg_core.hookspecs import hookimpl
 
-__all__ = ["detect_rows", "hookimpl", "register"]
+__all__ = ["FeatureSet", "detect_rows", "hookimpl", "register"]
 
 _HOMES = {
+    "FeatureSet": "treereg_core.features",
     "detect_rows": "treereg_core.detection",
     "hookimpl": "treereg_core.hookspecs",
     "register": "treereg_core.api",

@@ -6,10 +6,13 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Union
+
+import numpy as np
 
 from treereg_core import io
 from treereg_core.description import describe
-from treereg_core.errors import NoRegistration, UsageError
+from treereg_core.errors import InputError, NoRegistration, UsageError
 from treereg_core.features import FeatureSet
 from treereg_core.method import Context, silent
 from treereg_core.options import Options
@@ -18,12 +21,18 @@ from treereg_core.pipeline import Clock
 from treereg_core.plan import Plan, plan_for
 from treereg_core.recall import Recall, memory_named
 from treereg_core.registry import installed
-from treereg_core.result import Result, trees
+from treereg_core.result import Result, points_of, trees
 from treereg_core.settings import record
 from treereg_core.survey import Survey
-from treereg_core.transform import Model
+from treereg_core.transform import FloatArray, Model
 
-Trees = str | Path | Survey | FeatureSet
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
+
+Trees = Union[str, Path, "GeoDataFrame", FloatArray, FeatureSet, Survey]
+FEWEST_TREES = 3
+CLOSEST_M = 0.01
+"""Trees that stand closer are in degrees, not in metres."""
 
 
 def register(
@@ -39,10 +48,13 @@ def register(
     settings: Mapping[str, Mapping[str, object]] | None = None,
     seed: int = 0,
     threads: int | None = None,
+    confidence_property: str = "confidence",
 ) -> Result:
     """Register `source` onto `reference`: the same as `treereg run`, as an object, and no file of a run is written.
 
-    Both are survey folders, or both `Survey` objects in one frame, or both `FeatureSet` objects in one frame of metres.
+    Each is a survey folder or a GeoDataFrame of canopy polygons (any CRS; confidences in the column
+    `confidence_property`); or both are arrays (n, 2) in one frame, metres, or `FeatureSet.of(xy, confidence, area)`; or
+    both are `Survey` objects in one frame. The more is known of the trees, the surer the answer: give areas if you can.
     `method` and `start` default to the best measured; `settings` are by stage and parameter; `memory` is the folder of
     what earlier surveys of this orchard taught, which an accepted registration adds to; the rest is as in
     `treereg run --help`. Raises `InputError` for surveys and `UsageError` for options that cannot be used.
@@ -62,23 +74,47 @@ def register(
     plan = plan_for(options, installed())
     clock = Clock()
     with clock("read"):
-        surveys = read(reference, source, plan)
+        surveys = read(reference, source, plan, confidence_property)
     return execute(plan, surveys, clock)
 
 
-def read(reference: Trees, source: Trees, plan: Plan) -> tuple[Survey, Survey] | tuple[FeatureSet, FeatureSet]:
+def read(
+    reference: Trees, source: Trees, plan: Plan, confidence_property: str
+) -> tuple[Survey, Survey] | tuple[FeatureSet, FeatureSet]:
     """Both as surveys, or both as trees, in one frame."""
-    if isinstance(reference, FeatureSet) and isinstance(source, FeatureSet):
-        return reference, source
+    if isinstance(reference, FeatureSet | np.ndarray) and isinstance(source, FeatureSet | np.ndarray):
+        return checked(reference, "reference"), checked(source, "source")
     if isinstance(reference, Survey) and isinstance(source, Survey):
         if reference.frame != source.frame:
             raise UsageError(
                 "the two surveys are not in one frame; read them together with treereg_core.io.read_surveys"
             )
         return reference, source
-    if isinstance(reference, str | Path) and isinstance(source, str | Path):
-        return io.read_surveys(Path(reference), Path(source), same_place=plan.start_file is None)
-    raise UsageError("give both surveys as folders, or both as Survey, or both as FeatureSet objects")
+    given = [Path(one) if isinstance(one, str) else one for one in (reference, source)]
+    if all(isinstance(one, Path) or io.is_geoframe(one) for one in given):
+        same_place = plan.start_file is None
+        return io.read_surveys(*given, confidence_property=confidence_property, same_place=same_place)
+    raise UsageError(
+        "give each survey as a folder or a GeoDataFrame, or both as arrays (n, 2) or FeatureSet objects in one frame, "
+        "or both as Survey objects"
+    )
+
+
+def checked(given: FeatureSet | FloatArray, role: str) -> FeatureSet:
+    """Trees that were given as arrays. `InputError` for those that cannot be trees."""
+    trees = given if isinstance(given, FeatureSet) else FeatureSet.of(points_of(given, f"trees of the {role}"))
+    if len(trees) < FEWEST_TREES:
+        raise InputError(f"the {role} has {len(trees)} trees, but at least {FEWEST_TREES} are needed.")
+    if not (trees.area > 0).all() or not ((trees.confidence >= 0) & (trees.confidence <= 1)).all():
+        raise InputError(
+            f"the {role} has an area that is not positive or a confidence beyond 0 to 1; mend or remove it."
+        )
+    if 0 < trees.spacing < CLOSEST_M:
+        raise InputError(
+            f"the trees of the {role} stand {trees.spacing:.2g} m apart, so these are not metres; give longitude and "
+            "latitude as a GeoDataFrame with its CRS."
+        )
+    return trees
 
 
 def execute(

@@ -113,7 +113,8 @@ class FeatureSet:
         **attributes: ArrayLike,
     ) -> FeatureSet:
         """From plain arrays: ids count from 0, missing confidences are 1, missing areas 1 square metre."""
-        points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+        points = np.asarray(xy, dtype=np.float64)
+        points = points if points.size else np.empty((0, 2))
         n = len(points)
         return cls(
             ids=np.arange(n),

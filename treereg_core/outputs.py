@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from treereg_core import io
 from treereg_core.pipeline import Clock
-from treereg_core.result import Result
 from treereg_core.survey import Survey
 from treereg_core.survey_rasters import RasterPlan
 from treereg_core.transform import Affine
+
+if TYPE_CHECKING:
+    from treereg_core.result import Result
 
 REGISTRATION = "registration.json"
 DETECTIONS = "detections_registered.geojson"

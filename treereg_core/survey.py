@@ -11,6 +11,7 @@ from treereg_core.heights import Heights
 from treereg_core.outlines import Outlines
 
 if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
     from shapely import Geometry
 
 
@@ -32,6 +33,8 @@ class Survey:
     """One dated capture of one orchard.
 
     - `path`: the survey's folder; `detections`: the file of canopy polygons in it.
+    - `table`: the GeoDataFrame that the survey was given as, None for a folder; with one, `path` and `detections` are
+      only its name in messages.
     - `features`: its usable trees; `xy` in metres in `frame`, `area` in square metres, `ids` the features' indices in
       the file, counted from 0.
     - `count`: the features in the file, unusable ones included.
@@ -53,6 +56,7 @@ class Survey:
     digest: str
     boundary: Geometry | None = None
     heights: Heights | None = None
+    table: GeoDataFrame | None = None
     warnings: tuple[str, ...] = ()
     visible: Path | None = None
     dem: Path | None = None

@@ -17,12 +17,13 @@ RUNNER = {
     f"treereg_core.{name}"
     for name in (
         *("api", "application", "cli", "description", "detection", "expression", "heights", "io", "judge", "memory"),
+        "notebook",
         *("options", "outlines", "outputs", "pipeline", "plan", "recall", "registry", "report", "result", "rows"),
         *("settings", "simulate", "survey", "survey_copy", "survey_rasters", "testing"),
     )
 }
 """What runs methods, reads files and judges: not for plugins. The rest of the core is public."""
-HEAVY = {"geopandas", "pyogrio", "rasterio", "pyarrow", "pyproj", "shapely", "pandas", "pgmpy"}
+HEAVY = {"geopandas", "pyogrio", "rasterio", "pyarrow", "pyproj", "shapely", "pandas", "pgmpy", "matplotlib"}
 
 
 def files_of(package: Path) -> list[Path]:

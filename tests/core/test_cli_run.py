@@ -301,7 +301,7 @@ def test_register_takes_plain_trees() -> None:
 
 def test_register_refuses_what_does_not_go_together(orchard: Path) -> None:
     made = simulate(CLEAR, 5)
-    with pytest.raises(UsageError, match="give both surveys as folders"):
+    with pytest.raises(UsageError, match="give each survey as a folder"):
         register(made.reference, orchard / "source")
     with pytest.raises(UsageError, match="needs surveys that have a CRS"):
         register(made.reference, made.source, start=orchard / "truth.json")

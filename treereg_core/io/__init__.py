@@ -3,7 +3,7 @@
 `read_survey` and `read_surveys` read survey folders into one working frame, `read_transform` the transform in a file;
 `write_registered`, `write_matches` and `write_json` write what a registration gives, into an `OutputFolder`;
 `read_raster` and `raster_job` check a raster and say what moving it will do, which a `RasterJob` then does;
-`move_vector` moves a vector file;
+`move_vector` moves a vector file; `registered_geoframe`, `matches_geoframe` and `move_geoframe` do the same in memory;
 `write_rows` writes the rows of one survey, `read_series` reads the surveys of a series, `write_tree_table` and
 `write_tree_points` write its trees. `read_memory` and `write_memory` keep what an orchard's surveys taught.
 `read_images` and `read_checkpoints` read what evaluators compare, `read_preview` what a report shows.
@@ -12,6 +12,7 @@
 from treereg_core.io.checkpoints import read_checkpoints
 from treereg_core.io.crs import full_coordinates
 from treereg_core.io.files import find_files, read_json
+from treereg_core.io.geoframes import is_geoframe, matches_geoframe, move_geoframe, registered_geoframe
 from treereg_core.io.grid import Grid, Motion
 from treereg_core.io.images import read_image, read_images
 from treereg_core.io.memory import (
@@ -55,9 +56,12 @@ __all__ = [
     "full_coordinates",
     "full_from_frame",
     "holds_geojson",
+    "is_geoframe",
     "is_survey_file",
     "is_vector",
+    "matches_geoframe",
     "memory_lock",
+    "move_geoframe",
     "move_vector",
     "raster_job",
     "raster_outline",
@@ -73,6 +77,7 @@ __all__ = [
     "read_survey",
     "read_surveys",
     "read_transform",
+    "registered_geoframe",
     "vector_names",
     "write_json",
     "write_matches",

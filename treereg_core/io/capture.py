@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from treereg_core.errors import InputError
 from treereg_core.io.crs import geocentric
 from treereg_core.io.files import SurveyFiles, find_files
-from treereg_core.io.layer import Layer, read_layer
+from treereg_core.io.layer import Layer, layer_of, read_layer
 from treereg_core.io.polygons import polygonal
 from treereg_core.transform import FloatArray
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
 
 FEWEST_TREES = 3
 FARTHEST_TREE_M = 25_000.0
@@ -21,7 +24,10 @@ FARTHEST_TREE_M = 25_000.0
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """A survey as read, not yet in a working frame; `points` (k, 3): its trees, geocentric, metres."""
+    """A survey as read, not yet in a working frame; `points` (k, 3): its trees, geocentric, metres.
+
+    `table` is what it was given as, where it comes from no folder.
+    """
 
     files: SurveyFiles
     layer: Layer
@@ -29,13 +35,23 @@ class Capture:
     confidence: FloatArray
     points: FloatArray
     warnings: tuple[str, ...]
+    table: GeoDataFrame | None = None
 
 
 def capture_of(folder: Path, confidence_property: str) -> Capture:
     """Read and check a survey folder; a wrong one raises `InputError`."""
     files = find_files(Path(folder))
+    return _checked(files, read_layer(files.detections, confidence_property), confidence_property)
+
+
+def capture_of_table(table: GeoDataFrame, name: Path, confidence_property: str) -> Capture:
+    """Check a survey that is given as a GeoDataFrame, `name` in errors; a wrong one raises `InputError`."""
+    files = SurveyFiles(name, name, None, None, None)
+    return replace(_checked(files, layer_of(table, name, confidence_property), confidence_property), table=table)
+
+
+def _checked(files: SurveyFiles, layer: Layer, confidence_property: str) -> Capture:
     path = files.detections
-    layer = read_layer(path, confidence_property)
     if len(layer.geometry) == 0:
         raise InputError(f"{path} holds no features; give it a polygon for each tree.")
     _check_polygons(layer)

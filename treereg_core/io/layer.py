@@ -13,10 +13,11 @@ from treereg_core.errors import InputError
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, converter, crs_name, parse_crs
 from treereg_core.io.files import collector_paused, read_json
-from treereg_core.io.tables import read_table
+from treereg_core.io.tables import read_table, table_of
 from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
     from pyproj import CRS
 
 MOST_POINTS = 5_000
@@ -45,9 +46,19 @@ class Layer:
 
 def read_layer(path: Path, name: str | None = None) -> Layer:
     """Read a vector file with the values of one property. `InputError` for anything that cannot be used."""
+    return _checked(path, *(_read_geojson(path, name) if path.suffix == ".geojson" else _read_table(path, name)))
+
+
+def layer_of(frame: GeoDataFrame, path: Path, name: str) -> Layer:
+    """The same of a GeoDataFrame; `path` is its name in errors."""
+    table = table_of(frame, path, [name])
+    return _checked(path, table.geometry, table.values(name), table.crs)
+
+
+def _checked(path: Path, geometry: NDArray[np.object_], values: list[Any], crs: CRS | None) -> Layer:
+    """The layer, whose coordinates are finite and lie where its CRS says."""
     import shapely
 
-    geometry, values, crs = _read_geojson(path, name) if path.suffix == ".geojson" else _read_table(path, name)
     xy, owner = shapely.get_coordinates(geometry, return_index=True)
     warnings: tuple[str, ...] = ()
     if crs is None:

@@ -57,6 +57,7 @@ def place(capture: Capture, frame: Frame) -> Survey:
     return Survey(
         path=capture.files.folder,
         detections=path,
+        table=capture.table,
         features=features if tall is None else features.replace(attributes={HEIGHT: tall}),
         frame=frame,
         count=len(polygons),

@@ -5,16 +5,20 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.capture import Capture, capture_of
+from treereg_core.io.capture import Capture, capture_of, capture_of_table
 from treereg_core.io.crs import WGS84, crs_name, geocentric, is_true_metres, parse_crs, place_of, to_frame, zone_crs
 from treereg_core.io.files import reading
 from treereg_core.io.place import place
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import FloatArray
+
+if TYPE_CHECKING:
+    from geopandas import GeoDataFrame
 
 FARTHEST_SURVEY_M = 2_000.0
 
@@ -30,13 +34,22 @@ def read_survey(folder: Path, *, frame: Frame | None = None, confidence_property
 
 
 def read_surveys(
-    reference: Path, source: Path, *, confidence_property: str = "confidence", same_place: bool = True
+    reference: Path | GeoDataFrame,
+    source: Path | GeoDataFrame,
+    *,
+    confidence_property: str = "confidence",
+    same_place: bool = True,
 ) -> tuple[Survey, Survey]:
-    """Read two survey folders, both into the reference's working frame.
+    """Read two surveys, each a folder or a GeoDataFrame of canopies, both into the reference's working frame.
 
     Raises `InputError` as `read_survey` does, and, with `same_place`, when they lie more than 2 km apart.
     """
-    fixed, moving = (capture_of(folder, confidence_property) for folder in (reference, source))
+    fixed, moving = (
+        capture_of(Path(given), confidence_property)
+        if isinstance(given, str | Path)
+        else capture_of_table(given, Path(name), confidence_property)
+        for name, given in (("reference", reference), ("source", source))
+    )
     if same_place:
         _check_same_place(fixed, moving)
     frame = own_frame(fixed)

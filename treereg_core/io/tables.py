@@ -1,4 +1,4 @@
-"""GeoPackage and GeoParquet: geometry, one property, or every row as a GeoJSON feature."""
+"""GeoPackage, GeoParquet and GeoDataFrames: geometry, one property, or every row as a GeoJSON feature."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
-from treereg_core.io.files import reading
+from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from geopandas import GeoDataFrame
     from pyproj import CRS
 
 
@@ -65,6 +66,28 @@ def read_table(path: Path, columns: list[str] | None = None) -> Table:
         raise InputError(f"{path} is not a Parquet file, or is damaged; export it again.")
     with reading(path, "GeoParquet"), _quiet():
         return _geoparquet(path, columns)
+
+
+def table_of(frame: GeoDataFrame, path: Path, columns: list[str] | None = None) -> Table:
+    """A GeoDataFrame as a table, with these properties only (None: all); `path` is its name in errors."""
+    import pandas as pd
+    import pyarrow as pa
+
+    geometry = frame.active_geometry_name
+    if geometry is None:
+        raise InputError(f"{path} is a GeoDataFrame without a geometry column; name one with set_geometry.")
+    # shapes beside the active geometry are no properties
+    shapes = [name for name in frame.columns if str(frame[name].dtype) == "geometry"]
+    named = [name for name in frame.columns if name not in shapes and (columns is None or name in columns)]
+    try:
+        properties = pa.Table.from_pandas(pd.DataFrame(frame[named]), preserve_index=False)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise InputError(f"{path} has a column of mixed types ({first_line(error)}); make it of one type.") from error
+    return Table(
+        geometry=np.asarray(frame.geometry.array, dtype=object),
+        properties=properties,
+        crs=frame.crs.to_2d() if frame.crs else None,
+    )
 
 
 def _magic(path: Path) -> bytes:

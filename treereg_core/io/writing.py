@@ -12,11 +12,12 @@ from typing import IO, Any
 import numpy as np
 
 from treereg_core.errors import InputError
+from treereg_core.features import FeatureSet
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, crs_name, from_frame, to_frame
 from treereg_core.io.files import DETECTIONS, SUFFIXES, collector_paused, read_json, reason
 from treereg_core.io.jsontext import json_line, readable
-from treereg_core.io.tables import read_table
+from treereg_core.io.tables import read_table, table_of
 from treereg_core.judgement import Matches
 from treereg_core.method import Described
 from treereg_core.pair import Rows
@@ -39,17 +40,18 @@ def write_registered(
         return from_frame(transform(to_frame(xy, crs, source.frame)), source.frame)
 
     with collector_paused():
-        features, members, crs = _source_features(source.detections)
+        features, members, crs = source_features(source)
         geojson.move(features, moved, source.detections)
         for name, values in (described or {}).items():
             _add_property(features, name, dict(zip(source.features.ids.tolist(), _rounded(values), strict=True)))
         write_features(features, path, members)
 
 
-def _source_features(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any], str]:
-    """The features of a vector file as GeoJSON, coordinates in its own CRS, further members of it, and that CRS."""
-    if path.suffix != ".geojson":
-        table = read_table(path)
+def source_features(source: Survey) -> tuple[list[dict[str, Any]], dict[str, Any], str]:
+    """A survey's features as GeoJSON, coordinates in its own CRS, further members of its file, and that CRS."""
+    path = source.detections
+    if source.table is not None or path.suffix != ".geojson":
+        table = read_table(path) if source.table is None else table_of(source.table, path)
         return table.features(), {}, crs_name(table.crs) if table.crs else WGS84
     document = read_json(path)
     features = geojson.features_of(document, path)
@@ -83,15 +85,32 @@ def write_matches(
     Properties: `reference` and `source` (indices of the features in their files), `residual_m`, and for each name in
     `described` the number of the tree, with `reference_` or `source_` before it. Raises `ValueError` for an unknown id.
     """
-    reference, source = surveys
-    at_reference = reference.features.positions(matches.pairs[:, 0])
-    at_source = source.features.positions(matches.pairs[:, 1])
+    trees = surveys[0].features, surveys[1].features
+    columns, lines = matched(trees, transform, matches, described)
+    lonlat = np.round(from_frame(lines.reshape(-1, 2), surveys[0].frame), 9)
+    ends: Any = lonlat.reshape(lines.shape).tolist()
+    features = [
+        {
+            "type": "Feature",
+            "properties": dict(zip(columns, values, strict=True)),
+            "geometry": {"type": "LineString", "coordinates": line},
+        }
+        for line, *values in zip(ends, *columns.values(), strict=True)
+    ]
+    write_features(features, path)
+
+
+def matched(
+    trees: tuple[FeatureSet, FeatureSet], transform: Affine, matches: Matches, described: Described
+) -> tuple[dict[str, list[Any]], FloatArray]:
+    """The properties of the matched pairs by name, and their lines (k, 2, 2) in the working frame, metres."""
+    reference, source = trees
+    at_reference = reference.positions(matches.pairs[:, 0])
+    at_source = source.positions(matches.pairs[:, 1])
     if (at_reference < 0).any() or (at_source < 0).any():
         raise ValueError("a match names a tree that is not in its survey")
-    starts = transform(source.features.xy[at_source])
-    ends = reference.features.xy[at_reference]
-    lonlat = np.round(from_frame(np.vstack([starts, ends]), reference.frame), 9).tolist()
-    n = len(matches.pairs)
+    starts = transform(source.xy[at_source])
+    ends = reference.xy[at_reference]
     columns: dict[str, list[Any]] = {
         "reference": matches.pairs[:, 0].tolist(),
         "source": matches.pairs[:, 1].tolist(),
@@ -99,15 +118,7 @@ def write_matches(
     }
     for side, at, known in zip(("reference", "source"), (at_reference, at_source), described, strict=True):
         columns |= {f"{side}_{name}": _rounded(values[at]) for name, values in known.items()}
-    features = [
-        {
-            "type": "Feature",
-            "properties": dict(zip(columns, values, strict=True)),
-            "geometry": {"type": "LineString", "coordinates": [start, end]},
-        }
-        for start, end, *values in zip(lonlat[:n], lonlat[n:], *columns.values(), strict=True)
-    ]
-    write_features(features, path)
+    return columns, np.stack([starts, ends], axis=1)
 
 
 def write_rows(survey: Survey, rows: Rows, path: Path) -> None:

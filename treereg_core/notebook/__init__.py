@@ -1,0 +1,1 @@
+"""How a result shows itself in a notebook: plots and a card of HTML."""

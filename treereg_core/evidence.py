@@ -25,6 +25,8 @@ CHANCE_PAIRS = 20
 RESOLUTION = 0.02
 # The largest correlation that is believed.
 SURE = 0.9
+# Normal scores have variance 1; less than this share of it is what ties leave.
+LEAST_VARIANCE = 0.5
 
 
 def second_moments(xy: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -176,7 +178,8 @@ class Evidence:
         for name in self.names:
             u = self.reference.scores[name][match.reference]
             v = self.source.scores[name][match.source]
-            power = float(np.sqrt((u @ u) * (v @ v)))
+            # Scores of crowns that are all alike hardly vary: two odd ones that meet must not speak for all pairs.
+            power = max(float(np.sqrt((u @ u) * (v @ v))), LEAST_VARIANCE * len(u))
             correlation[name] = float(u @ v) / power if power > 0 else 0.0
         k = len(match.distance)
         return Statistics(

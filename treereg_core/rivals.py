@@ -9,6 +9,7 @@ import numpy as np
 from treereg_core.correlation import Correlator, Peaks
 from treereg_core.evidence import Evidence, Match
 from treereg_core.method import Context
+from treereg_core.prior import log_prior, log_priors
 from treereg_core.rotation import rotations
 from treereg_core.screening import screen
 from treereg_core.transform import Affine, FloatArray, Rigid
@@ -18,6 +19,8 @@ NEAR = 12.0
 NEIGHBOURS = 48
 # So many of the best, and of the best visited, shifts of every turn.
 FOREMOST = 12
+# Near the files' own georeference so many more at which this share of the most trees meet.
+MEETING = 0.5
 # Of so many likely turns those whose fit is at least this share of the best one's.
 TURNS = 6
 SUITS = 0.6
@@ -50,13 +53,19 @@ def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...
             if turn == 0 and not half_turn:
                 near = _nearest(peaks, transform, evidence)
             far += [peaks.transform(k) for k in peaks.foremost(FOREMOST)]
+            far += _probable(peaks, evidence, context)
     near += _around(transform, evidence)[: max(DECOYS - len(near), 0)]
     n = len(evidence.source.features)
     sample = np.sort(context.rng("judge", "sample").choice(n, min(SAMPLE, n), replace=False))
     everything = screen(evidence, tuple(near + far), sample)
     place = list(everything.transforms)
     distinct = _distinct(evidence, transform, place, everything.score)
-    dangerous = [evidence.match(place[k]) for k in distinct[:DANGEROUS]]
+    if context.georeference_sd is not None:
+        # On a lattice the trees alone would name only placements that the georeference rules out.
+        source, sd = evidence.source.features, context.georeference_sd
+        prior = np.array([log_prior(one, source, sd) for one in place])
+        distinct = list(dict.fromkeys(_distinct(evidence, transform, place, everything.score + prior) + distinct))
+    dangerous = [evidence.match(place[k]) for k in distinct]
     decoys = [evidence.match(place[k]) for k in range(min(len(near), DECOYS))]
     decoys = [m for m in decoys if evidence.apart(m.transform, transform) > evidence.gate]
     return Rivals(tuple(dangerous), tuple(decoys))
@@ -78,6 +87,17 @@ def _nearest(peaks: Peaks, transform: Affine, evidence: Evidence) -> list[Affine
     away = np.hypot(*(peaks.shift - transform.shift).T)
     near = np.flatnonzero((away > evidence.gate) & (away < NEAR * evidence.spacing))
     return [peaks.transform(int(k)) for k in near[np.argsort(-peaks.met[near], kind="stable")][:NEIGHBOURS]]
+
+
+def _probable(peaks: Peaks, evidence: Evidence, context: Context) -> list[Affine]:
+    """Placements that trees and georeference together, or the latter alone, make likely; none without the latter."""
+    if context.georeference_sd is None:
+        return []
+    prior = log_priors(peaks.template, peaks.shift, evidence.source.features, context.georeference_sd)
+    likely = np.argsort(-(peaks.score / 2 + prior), kind="stable")[:FOREMOST]
+    meeting = np.flatnonzero(peaks.met > MEETING * peaks.met.max(initial=0.0))
+    at_home = meeting[np.argsort(-prior[meeting], kind="stable")[:FOREMOST]]
+    return [peaks.transform(int(k)) for k in np.union1d(likely, at_home)]
 
 
 def _around(transform: Affine, evidence: Evidence) -> list[Affine]:

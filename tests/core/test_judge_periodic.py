@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from tests.core.orchards import IDENTITY, alike, grid, half_turn_symmetric, judged, shifted_by
+from treereg_core.api import execute
 from treereg_core.features import FeatureSet
 from treereg_core.judgement import Verdict
+from treereg_core.options import Options
 from treereg_core.pair import Pair
+from treereg_core.pipeline import Clock
+from treereg_core.plan import plan_for
+from treereg_core.registry import installed
+from treereg_core.simulate import Scene, simulate
 from treereg_core.testing.scenes import moved
 from treereg_core.transform import FloatArray, Rigid
 
@@ -130,3 +136,16 @@ def test_rounding_of_equal_crowns_is_no_evidence_wherever_it_falls() -> None:
     noise = np.random.default_rng(0).normal(0, 1e-5, len(xy))
     trees = FeatureSet.of(xy, area=np.exp(1.745 + noise))
     assert judged(Pair(trees, trees), IDENTITY).verdict is Verdict.AMBIGUOUS
+
+
+@pytest.mark.parametrize("georeference_sd", [2.0, 5.0, 10.0])
+@pytest.mark.parametrize("seed", [0, 2, 6])
+def test_a_georeference_does_not_make_a_far_position_on_a_lattice_right(seed: int, georeference_sd: float) -> None:
+    """Crowns all alike but for a few that were cut in two, which meet somewhere; files that are 1.1 m off."""
+    scene = Scene(trees=600, periodic=True, overlap=0.8, rotation=0.0, shift=(1.0, 0.5))
+    simulation = simulate(scene, seed)
+    options = Options(method="icp", georeference_sd=georeference_sd, threads=1)
+    said = execute(plan_for(options, installed()), (simulation.reference, simulation.source), Clock()).judgement
+    if said.verdict is Verdict.ACCEPTED:
+        assert said.transform is not None
+        assert np.hypot(*(said.transform.shift + scene.shift)) < scene.spacing / 2

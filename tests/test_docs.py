@@ -18,7 +18,7 @@ OPTIONS = {
     | {"-h", "--help"}
     for name, command in COMMANDS.items()
 }
-ELSEWHERE = {"--check", "--all-packages", "--fix", "--out"}
+ELSEWHERE = {"--check", "--all-packages", "--fix", "--keep-going", "--out"}
 """Options of other tools that the pages mention in passing."""
 
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -3,8 +3,7 @@
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(Path(__file__).parent))
 
 project = "treereg"
 author = "The treereg developers"
@@ -13,24 +12,30 @@ html_copy_source = False
 html_show_sphinx = False
 language = "en"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "extensions.mathml", "extensions.offline"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "extensions.mathml", "extensions.offline", "extensions.records"]
 exclude_patterns = ["extensions"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["formulas.css"]
 html_math_renderer = "mathml"
 
 # Docstrings are plain text with names in single backticks.
 default_role = "code"
 autodoc_member_order = "bysource"
-autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented_params"
-autodoc_default_options = {"members": True, "show-inheritance": True}
-autodoc_class_signature = "separated"
-# Other projects' names would need their inventories, and so a network.
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "BoolArray", "FloatArray", "IntArray")}
+add_module_names = False
+maximum_signature_line_length = 100
+autodoc_default_options = {"members": True, "show-inheritance": True, "exclude-members": "model_config"}
 nitpick_ignore_regex = [
-    ("py:.*", r"(numpy|pathlib|collections|abc|enum|pydantic|pandas|scipy|hypothesis)\..*"),
-    ("py:class", "FloatArray"),
+    # Other projects' names would need their inventories, and so a network.
+    ("py:.*", r"(numpy|pathlib|collections|abc|enum|pydantic|pandas|scipy|hypothesis)\..*|Path|Geometry"),
+    # Aliases of arrays keep their names, and lead nowhere.
+    ("py:class", "TypeAliasForwardRef|(Array|Bool|Float|Int)(Like|Array)"),
+    # What public values hold and no page describes.
+    ("py:class", r"treereg_core\.(image|plan|registry|series\.(history|places)|simulate\.(flight|series))\.\w+"),
 ]

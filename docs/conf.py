@@ -9,6 +9,7 @@ project = "treereg"
 author = "The treereg developers"
 html_title = "treereg"
 html_copy_source = False
+html_show_copyright = False
 html_show_sphinx = False
 language = "en"
 

@@ -13,10 +13,10 @@ from pathlib import Path
 from tests import pages
 from treereg_core.cli import main
 from treereg_core.registry import installed
-from treereg_core.simulate import Scene, Seasons, simulate_series, write_series
+from treereg_core.simulate import FAMILIES, Scene, Seasons, simulate_series, write_series
 
-SWIFT = {"evaluate": ["--trials", "1", "--jobs", "1"]}
-"""Put behind what a page says, so that an example does not take hours; the last of two values counts."""
+QUICK = "small_150"
+"""The family that stands for all others in examples."""
 LANGUAGES = {".py": "python", ".toml": "toml", ".csv": "csv"}
 """Files whose text the page itself shows, in its first block of that language."""
 WORKED = (0, 3)
@@ -81,6 +81,11 @@ class Session:
     made: set[str] = field(default_factory=set)
     names: dict[str, object] = field(default_factory=dict)
 
+    @property
+    def text(self) -> str:
+        """The whole page."""
+        return self.page.read_text(encoding="utf-8")
+
     def block(self, block: str) -> None:
         """Run a block; what earlier ones wrote makes place for what this one writes to the same folder."""
         if pages.is_script(block):
@@ -93,7 +98,7 @@ class Session:
             out = self.prepare(words)
             if out in self.made - written:
                 shutil.rmtree(out, ignore_errors=True)
-            code = main([*words, *SWIFT.get(words[0], [])])
+            code = main(self.swift(words))
             assert code in WORKED, f"treereg {' '.join(words)} ends with {code}"
             written.add(out)
         self.made |= written
@@ -114,6 +119,16 @@ class Session:
                 elif re.search(r"FILE|\.json", called) and path.suffix and parameter.name != "out":
                     self.orchard.put(path, self.page)
         return str(context.params["folder"] if words[0] == "simulate" else context.params.get("out"))
+
+    def swift(self, words: list[str]) -> list[str]:
+        """A command as it is run: one trial of a small family, and rasters only where the page speaks of them."""
+        if words[0] == "simulate" and f"{words[1]}/" not in "".join(re.findall(r"\S+\.tif", self.text)):
+            return [*words, "--no-rasters"]
+        if words[0] != "evaluate":
+            return words
+        named = {words[k + 1] for k, word in enumerate(words) if word == "--family"}
+        assert named <= {family.name for family in FAMILIES.values()} | {family.group for family in FAMILIES.values()}
+        return [*(QUICK if word in named else word for word in words), "--trials", "1", "--jobs", "1"]
 
     def survey(self, path: Path) -> None:
         """The next survey of the orchard, under the name that the page gives it."""

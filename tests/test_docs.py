@@ -33,13 +33,17 @@ def test_links_lead_somewhere(page):
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if shell_blocks(p) or blocks(p, "python")], ids=name)
-def test_commands_and_python_work(page, orchard, tmp_path, monkeypatch):
+def test_commands_and_python_work(page, orchard, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     session = Session(page, orchard)
     for block in shell_blocks(page):
         session.block(block)
     for block in blocks(page, "python"):
         session.python(block)
+    printed = shape(capsys.readouterr().out)
+    for block in blocks(page, "text"):
+        if re.match("accepted:|ambiguous:|failed:", block):
+            assert shape(block) in printed
 
 
 @pages

@@ -1,7 +1,8 @@
 """Records of settings in the API: their settings as a list, in place of a signature that nobody can read."""
 
+import re
 from inspect import isclass
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 from pydantic import BaseModel
 from sphinx.application import Sphinx
@@ -14,9 +15,19 @@ def is_record(thing: object) -> TypeGuard[type[BaseModel]]:
     return isclass(thing) and issubclass(thing, BaseModel) and thing is not BaseModel
 
 
-def signature(app: Sphinx, what: str, name: str, thing: object, *_: Any) -> tuple[str, None] | None:
-    """None of its own for a record."""
-    return ("", None) if is_record(thing) else None
+def signature(
+    app: Sphinx, what: str, name: str, thing: object, options: object, text: str | None, returns: str | None
+) -> tuple[str, str | None] | None:
+    """None of its own for a record; defaults that are no Python are made such, so that names in it lead somewhere."""
+    if is_record(thing):
+        return "", None
+    return (plain(text), returns and plain(returns)) if text else None
+
+
+def plain(text: str) -> str:
+    """A signature in which every default is Python, and every alias a name."""
+    text = re.sub(r"<function (\w+)>", r"\1", text.replace("<factory>", "..."))
+    return re.sub(r"~?(?:\w+\.)*TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
 
 
 def settings(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+import typer
 
 from benchmarks.method_settings import filled
 from tests.examples import Orchard, Session
@@ -44,6 +45,25 @@ def test_commands_and_python_work(page, orchard, tmp_path, monkeypatch, capsys):
     for block in blocks(page, "text"):
         if re.match("accepted:|ambiguous:|failed:", block):
             assert shape(block) in printed
+
+
+@pytest.mark.parametrize(
+    ("command", "seen"),
+    [
+        ("treereg run 2023 2024 --no-such-option", "No such option"),
+        ("treereg simulate orchard --trees many", "ends with 2"),
+        ("uv run treereg methods nothing", "there is no method nothing"),
+        ("treereg run 2023 2024 --method icp+nothing", "there is no method nothing"),
+        ("treereg run 2023 2024 --out 2023", "ends with 2"),
+        ('for year in 2024; do treereg rows "$year" --no-such-option; done', "No such option"),
+    ],
+)
+def test_a_command_that_does_not_work_is_seen(command, seen, orchard, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(f"# A page\n\n```\n{command}\n```\n", encoding="utf-8")
+    with pytest.raises((AssertionError, typer.TyperException), match=seen):
+        Session(page, orchard).block(shell_blocks(page)[0])
 
 
 @pages

@@ -85,6 +85,14 @@ startup *arguments:
 networks:
     uv run python -m benchmarks.networks
 
+# The documentation as a site, in site/; warnings are errors
+docs:
+    uv run sphinx-build -W -n --keep-going docs site
+
+# Tables of settings in docs/methods/, from the methods themselves
+settings:
+    uv run python -m benchmarks.method_settings
+
 # Wheels of the core and of every plugin, in dist/
 build:
     uv build --all-packages

@@ -1,7 +1,7 @@
 """The three hooks of a plugin; each returns what the plugin offers.
 
 A plugin is a module with some of these functions, marked with `treereg_core.hookimpl`, and named by an entry point in
-the group `treereg`:
+the group `treereg`::
 
     from treereg_core import hookimpl
 

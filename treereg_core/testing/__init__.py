@@ -1,4 +1,4 @@
-"""The contract as something to run: laws, scenes and strategies for methods of one's own.
+"""The contract as something to run: laws, scenes and strategies for methods of one's own::
 
     from treereg_core.testing import check
     for result in check(MyMatcher()):

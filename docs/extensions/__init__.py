@@ -1,0 +1,1 @@
+"""What the site needs beyond Sphinx: formulas without scripts, and no page that asks a network for anything."""

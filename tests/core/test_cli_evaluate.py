@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -97,6 +98,16 @@ def test_two_surveys_by_two_starts(orchard: Path, capsys: Output) -> None:
     figures = coarse["figures_median"]
     assert figures["pixels.ncc"] > 0.75 > 0.3 > figures["pixels.ncc_before"]
     assert figures["pixels.mse"] < figures["pixels.mse_before"] / 3
+
+
+def test_surveys_that_do_not_lie_on_each_other_are_told_of(tmp_path: Path, capsys: Output) -> None:
+    write_simulation(simulate(CLEAR.model_copy(update={"shift": (2.5, 1.0)}), 4), tmp_path / "orchard")
+    arguments = ["evaluate", *surveys(tmp_path / "orchard"), "--trials", "5", "--jobs", "1", "--out", "out"]
+    assert main(arguments) == 0
+    said = re.search(r"all lie (\d\.\d\d) m from where the files have", capsys.readouterr().err)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(np.hypot(2.5, 1.0), abs=0.1)
+    assert any("register them first" in note for note in json.loads(Path("out/evaluation.json").read_text())["notes"])
 
 
 def test_one_survey_alone_is_said_to_be_too_easy(orchard: Path, capsys: Output) -> None:

@@ -31,7 +31,7 @@ from treereg_core.evaluation import Families, Misregistered, Study, run_all
 from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.files import FILES, open_folder, write_evaluation
 from treereg_core.evaluation.page import in_words, label, silent_in_words
-from treereg_core.evaluation.summary import Line
+from treereg_core.evaluation.summary import Line, not_in_place
 from treereg_core.io.output import DEFAULT_OUT
 from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M
 from treereg_core.options import Options
@@ -113,6 +113,9 @@ def evaluate(
     study = Study(source, setups, range(seed, seed + trials))
     log = open_folder(out, folders, overwrite)
     done = run_all(study, log, jobs or os.cpu_count() or 1, lambda done, total: console.count("trials", done, total))
+    if folders and (doubt := not_in_place(done)):
+        console.warn(doubt)
+        notes.append(doubt)
     lines = write_evaluation(study, notes, done, out)
     if as_json:
         typer.echo((out / FILES[1]).read_bytes(), nl=False)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from treereg_core.evaluation.case import RIGHT_M
 from treereg_core.evaluation.trial import CRASHED, Trial
 from treereg_core.evaluators import MILESTONES
 from treereg_core.statistics import bootstrap, median, percentile_95, upper_bound, wilson
@@ -16,6 +17,8 @@ from treereg_core.statistics import bootstrap, median, percentile_95, upper_boun
 ALL = "all"
 """The name under which the trials of all names are summed up."""
 PLACED = "truth.placed"
+FEWEST, AGREE = 5, 0.1
+"""So many accepted placements say that files are off when their errors differ by less than this share of them."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +155,21 @@ def _medians(trials: Sequence[Trial]) -> Iterator[tuple[str, float]]:
         values = [trial.figures[name] for trial in trials if math.isfinite(trial.figures.get(name, math.nan))]
         if values:
             yield name, float(np.median(values))
+
+
+def not_in_place(trials: Sequence[Trial]) -> str | None:
+    """A sentence when the accepted placements agree with each other but not with the files; None otherwise."""
+    errors = [trial.error for trial in trials if trial.accepted and math.isfinite(trial.error)]
+    if len(errors) < FEWEST:
+        return None
+    low, middle, high = np.quantile(errors, (0.1, 0.5, 0.9)).tolist()
+    if middle < RIGHT_M or high - low > AGREE * middle:
+        return None
+    return (
+        f"The accepted placements agree with each other, but all lie {middle:.2f} m from where the files have the "
+        "surveys, which so do not lie rightly on each other: register them first (treereg run), move the source with "
+        "treereg apply, and evaluate that."
+    )
 
 
 def summed_up(trials: Iterable[Trial]) -> list[Line]:

@@ -51,6 +51,8 @@ class Orchard:
             gpd.read_file(detections).to_file(path)
         elif path.suffix == ".tif":
             raster(path, detections)
+        elif path.name == "orchards.csv":
+            path.write_text(f"orchard,reference,source\nhome,{self.surveys[0]},{self.surveys[1]}\n", encoding="utf-8")
         elif path.suffix in LANGUAGES:
             path.write_text(pages.blocks(page, LANGUAGES[path.suffix])[0], encoding="utf-8")
         else:
@@ -93,7 +95,7 @@ class Session:
             return
         written = set()
         for words in pages.commands(block):
-            if self.of_this_page(words):
+            if self.of_this_page(words) or self.elsewhere(words):
                 continue
             out = self.prepare(words)
             if out in self.made - written:
@@ -116,7 +118,7 @@ class Session:
             for path in (Path(str(v)) for v in values if v is not None and not Path(str(v)).exists()):
                 if re.search("SURVEY|REFERENCE|SOURCE", called) and parameter.param_type_name == "argument":
                     self.survey(path)
-                elif re.search(r"FILE|\.json", called) and path.suffix and parameter.name != "out":
+                elif re.search(r"FILE|MANIFEST|\.json", called) and path.suffix and parameter.name != "out":
                     self.orchard.put(path, self.page)
         return str(context.params["folder"] if words[0] == "simulate" else context.params.get("out"))
 
@@ -149,6 +151,13 @@ class Session:
             re.sub(r"(?<!^)(?=[A-Z])", "_", c).lower() for c in re.findall(r"^class (\w+)", written, re.MULTILINE)
         }
         assert unknown <= classes, f"there is no method {', '.join(sorted(unknown))}"
+        pages.COMMANDS[words[0]].make_context(words[0], list(words[1:]))
+        return True
+
+    def elsewhere(self, words: list[str]) -> bool:
+        """Whether a command needs other machines: it only has to be one."""
+        if "--scheduler" not in words:
+            return False
         pages.COMMANDS[words[0]].make_context(words[0], list(words[1:]))
         return True
 

@@ -71,7 +71,7 @@ def test_a_command_that_does_not_work_is_seen(command, seen, orchard, tmp_path, 
 @pages
 def test_commands_in_the_text_and_their_options_exist(page):
     for words in [*mentioned(page), *(words for block in shell_blocks(page) for words in commands(block))]:
-        assert words[0] in {*COMMANDS, "--help", "COMMAND"}, f"there is no command {words[0]}"
+        assert words[0] in {*COMMANDS, *OWN, "--help", "COMMAND"}, f"there is no command {words[0]}"
         given = {word.partition("=")[0] for word in words[1:] if re.match(r"--?[a-z]", word)}
         assert given <= OPTIONS.get(words[0], {"--help"}), f"treereg {' '.join(words)}"
 

@@ -59,3 +59,36 @@ function fillLegend(entries) {
     return item;
   }));
 }
+
+function fillSelect(id, options, value, chosen) {
+  const select = byId(id);
+  select.append(...options.map(([name, text]) => Object.assign(element("option", text), { value: name })));
+  select.value = value;
+  select.addEventListener("change", () => chosen(select.value));
+}
+
+// Buttons of which one is pressed; `choose` is given its number.
+function fillSegments(id, name, texts, chosen, choose) {
+  byId(id).append(...texts.map((text, value) => {
+    const label = element("label");
+    const radio = Object.assign(element("input"), { type: "radio", name, value, checked: value === chosen });
+    radio.addEventListener("change", () => choose(value));
+    label.append(radio, element("span", text));
+    return label;
+  }));
+}
+
+function fillFigures(figures) {
+  byId("figures").append(...figures.map(([name, value, more]) => {
+    const figure = element("div");
+    const description = element("dd", value);
+    if (more) description.append(element("small", more));
+    figure.append(element("dt", name), description);
+    return figure;
+  }));
+}
+
+function fillSettings(settings) {
+  fillTable("settings", Object.entries(settings).flatMap(([stage, values]) =>
+    Object.entries(values ?? {}).map(([name, value]) => [`${stage}.${name}`, typeof value === "string" ? value : JSON.stringify(value)])));
+}

@@ -12,13 +12,7 @@ function fillHeader(model) {
   byId("sentence").textContent = data.sentence;
   byId("reason").textContent = `The judge: ${registration.reason}`;
   byId("warnings").append(...(data.warnings ?? []).map((text) => element("li", text)));
-  byId("figures").append(...figures(model).map(([name, value, more]) => {
-    const figure = element("div");
-    const description = element("dd", value);
-    if (more) description.append(element("small", more));
-    figure.append(element("dt", name), description);
-    return figure;
-  }));
+  fillFigures(figures(model));
 }
 
 function figures(model) {
@@ -99,8 +93,7 @@ function fillTables(model) {
     ...(offset ? [["Elevations", `source ${number(offset.median, 2)} m off, spread ${number(offset.spread, 2)} m; not applied`]] : []),
   ]);
   fillTable("timings", Object.entries(timings).map(([name, seconds]) => [name, number(seconds, 2)]), ["Stage", "Seconds"], true);
-  fillTable("settings", Object.entries(registration.settings).flatMap(([stage, values]) =>
-    Object.entries(values ?? {}).map(([name, value]) => [`${stage}.${name}`, typeof value === "string" ? value : JSON.stringify(value)])));
+  fillSettings(registration.settings);
 }
 
 // A tree's numbers, name and value, under the placement that is shown.

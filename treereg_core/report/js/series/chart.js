@@ -29,9 +29,8 @@ function drawChart(model, tree, colours) {
   }
   timeline.forEach((survey, s) => {
     const { colour, symbol } = STATES[survey.state[tree]] ?? { colour: colours.ink, symbol: "" };
-    const label = survey.state[tree];
-    const mark = svg.append("text").attr("x", x(s)).attr("y", height - 12).attr("text-anchor", "middle");
+    const mark = svg.append("text").attr("x", x(s)).attr("y", height - 12).attr("text-anchor", "middle").attr("font-size", 10);
     mark.append("tspan").attr("class", "mark").attr("fill", colour).text(`${symbol ?? "●"} `);
-    if (timeline.length <= 6) mark.append("tspan").text(label);
+    if (timeline.length <= 6) mark.append("tspan").text(survey.state[tree]);
   });
 }

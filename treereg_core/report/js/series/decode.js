@@ -1,7 +1,7 @@
 // From the data in the page to flat arrays, metres in the working frame.
 
-// One drawable survey for each accepted one: the trees at their places, with the crowns that it shows; the last known crown
-// where it shows none.
+// One drawable survey for each accepted one: the trees at their places, with the crowns that it shows; the last known
+// one, or the usual one, where it shows none.
 function decode({ series, states, trees, history }) {
   const size = trees.number.length;
   const x = Float64Array.from(trees.x, (value) => value / 100);
@@ -9,11 +9,13 @@ function decode({ series, states, trees, history }) {
   const named = series.surveys.filter((survey) => survey.states);
   const last = new Float64Array(size);
   const surveys = history.map((one, s) => {
-    const radius = Float64Array.from(one.area_m2, (area, i) => Math.sqrt((area === null ? last[i] : (last[i] = area)) / Math.PI));
+    const area = one.area_m2.map((now, i) => (last[i] = now ?? last[i]));
+    const usual = d3.median(area.filter((value) => value > 0)) ?? 1;
     return {
-      ...one, role: "trees", size, x, y, radius, name: named[s].name, said: named[s],
-      usualRadius: d3.median(radius.filter((r) => r > 0)) ?? 1,
-      state: one.state.map((number) => states[number]),
+      ...one, role: "trees", size, x, y, name: named[s].name, said: named[s],
+      radius: Float64Array.from(area, (value) => Math.sqrt((value || usual) / Math.PI)),
+      usualRadius: Math.sqrt(usual / Math.PI),
+      state: one.state.map((word) => states[word]),
     };
   });
   const model = { series, trees, size, timeline: surveys, surveys: { trees: surveys[0] } };

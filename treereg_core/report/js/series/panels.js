@@ -17,20 +17,13 @@ function fillHeader({ series, timeline }) {
     : `No survey could be laid on ${first.name}, so only its own trees are shown.`;
   const sum = (state) => d3.sum(timeline, (survey) => survey.said.states[state]);
   const growth = d3.median((last.growth.first ?? []).filter((share) => share !== null));
-  const figures = [
+  fillFigures([
     ["Trees", number(series.probable_trees, 0), `in ${number(series.rows, 0)} rows`],
     ["Missing at the end", number(counts.missing, 0), `in ${last.name}`],
-    ["New", number(sum("new"), 0), "in all surveys"],
+    ["New", number(sum("new"), 0), "or missed before"],
     ["Replanted", number(sum("replanted"), 0), "in all surveys"],
     ["Crowns", percent(growth ?? null), `median, ${first.name} to ${last.name}`],
-  ];
-  byId("figures").append(...figures.map(([name, value, more]) => {
-    const figure = element("div");
-    const description = element("dd", value);
-    description.append(element("small", more));
-    figure.append(element("dt", name), description);
-    return figure;
-  }));
+  ]);
 }
 
 function fillTables({ series, timeline }) {
@@ -45,22 +38,13 @@ function fillTables({ series, timeline }) {
     ["Method", series.method], ["Start", series.start], ["Seed", series.seed], ["Coordinates", series.crs ?? "–"],
     ["treereg", series.version], ["Plugins", Object.values(series.plugins).join(", ")],
   ]);
-  fillTable("settings", Object.entries(series.settings).flatMap(([stage, values]) =>
-    Object.entries(values ?? {}).map(([name, value]) => [`${stage}.${name}`, typeof value === "string" ? value : JSON.stringify(value)])));
+  fillSettings(series.settings);
 }
 
 function fillChoices(model, { choose, changed }, state) {
-  model.timeline.forEach(({ name }, s) => {
-    const label = element("label");
-    const radio = Object.assign(element("input"), { type: "radio", name: "survey", value: s, checked: s === state.survey });
-    radio.addEventListener("change", () => choose(s));
-    label.append(radio, element("span", name));
-    byId("chosen").append(label);
-  });
+  fillSegments("chosen", "survey", model.timeline.map(({ name }) => name), state.survey, choose);
   byId("play").disabled = model.timeline.length < 2;
-  const select = byId("colour");
-  select.append(...Object.entries(MODES).map(([value, text]) => Object.assign(element("option", text), { value })));
-  select.addEventListener("change", () => changed(() => { state.colour = select.value; }));
+  fillSelect("colour", Object.entries(MODES), state.colour, (value) => changed(() => { state.colour = value; }));
   for (const name of WORDS) {
     const label = element("label");
     const box = Object.assign(element("input"), { type: "checkbox", name, checked: true });

@@ -156,7 +156,8 @@ def test_markup_from_the_data_is_shown_as_text(done: Path, tmp_path: Path, visit
     series |= {"plugins": {HOSTILE: HOSTILE}, "settings": {HOSTILE: {HOSTILE: HOSTILE}}}
     path = tmp_path / "hostile.html"
     path.write_text(page_of(data, TEMPLATE, SCRIPTS))
-    one = visit(path)
+    one = visit(path, viewport=PHONE)
+    assert one.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
     one.page.locator("#map").focus()
     one.page.keyboard.press("ArrowRight")
     assert one.tip()["survey"] == HOSTILE

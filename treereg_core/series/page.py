@@ -17,7 +17,7 @@ PAGE = "series.html"
 TEMPLATE = "series.html"
 SCRIPTS = (*SHARED, *(f"series/{name}" for name in ("decode", "colour", "scene", "panels", "chart", "main")))
 NOT_YET = len(State)
-"""In place of a state: the survey covers the place, but the tree is `new` only in a later one."""
+"""In place of `missing`, before the tree is `new`: it was not there yet, or was missed."""
 
 
 def series_page(series: Series, document: Mapping[str, Any]) -> str:
@@ -48,7 +48,7 @@ def page_data(series: Series, document: Mapping[str, Any]) -> dict[str, Any]:
     columns = {name: gathered(values, detection) for name, values in told.items()}
     return {
         "series": dict(document),
-        "states": [*(state.word for state in State), "not there yet"],
+        "states": [*(state.word for state in State), "not seen yet"],
         "trees": {
             "number": np.flatnonzero(kept).tolist(),
             "x": x.tolist(),

@@ -15,7 +15,7 @@ function drawChart(model, tree, colours) {
   svg.append("g").attr("transform", `translate(0,${height - bottom})`).call(axis);
   const quantities = [
     { name: "area_m2", text: "crown, m²", colour: WONG.green, at: left, ticks: d3.axisLeft, dash: null },
-    { name: "height_m", text: "height, m", colour: WONG.blue, at: width - right, ticks: d3.axisRight, dash: "5 4" },
+    { name: "height_m", text: "height, m", colour: colours.grown, at: width - right, ticks: d3.axisRight, dash: "5 4" },
   ];
   for (const { name, text, colour, at, ticks, dash } of quantities) {
     const values = timeline.map((survey) => survey[name][tree]);
@@ -28,9 +28,9 @@ function drawChart(model, tree, colours) {
     values.forEach((value, s) => value !== null && svg.append("circle").attr("cx", x(s)).attr("cy", y(value)).attr("r", 4).attr("fill", colour));
   }
   timeline.forEach((survey, s) => {
-    const { colour, symbol } = STATES[survey.state[tree]] ?? { colour: colours.ink, symbol: "" };
+    const { colour, symbol, hollow } = STATES[survey.state[tree]] ?? { colour: colours.ink, symbol: "" };
     const mark = svg.append("text").attr("x", x(s)).attr("y", height - 12).attr("text-anchor", "middle").attr("font-size", 10);
-    mark.append("tspan").attr("class", "mark").attr("fill", colour).text(`${symbol ?? "●"} `);
+    mark.append("tspan").attr("class", "mark").attr("fill", colour).text(`${symbol ?? (hollow ? "○" : "●")} `);
     if (timeline.length <= 6) mark.append("tspan").text(survey.state[tree]);
   });
 }

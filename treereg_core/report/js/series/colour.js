@@ -1,4 +1,4 @@
-// What colours of trees mean. Missing, new and replanted ones have a sign too.
+// What colours of trees mean. By state, missing, new and replanted ones have a sign too.
 
 const STATES = {
   present: { colour: WONG.green },
@@ -7,7 +7,7 @@ const STATES = {
   replanted: { colour: WONG.orange, shape: "diamond", symbol: "◇" },
   unseen: { colour: WONG.grey, hollow: true },
 };
-const MODES = { state: "by state", previous: "by growth since the survey before", first: "by growth since the first survey" };
+const MODES = { state: "state", previous: "growth since last time", first: "growth since the first" };
 const STEPS = 25;
 const percent = (share) => (share === null || share === undefined ? "–" : d3.format("+.0%")(share));
 

@@ -55,14 +55,10 @@ function fillChoices(model, { choose, changed }, state) {
   byId("controls").addEventListener("submit", (event) => event.preventDefault());
 }
 
-function legendOf({ survey, scale, colours, state }) {
+function legendOf({ survey, scale, state }) {
+  if (scale) return scale.legend;
   const counts = survey.said.states;
-  const states = WORDS.filter((name) => state.layers[name]).map((name) => ({
-    ...STATES[name], text: `${name} (${number(counts[name], 0)})`,
-  }));
-  if (!scale) return states;
-  const signs = states.filter(({ symbol }) => symbol).map((entry) => ({ ...entry, colour: colours.ink }));
-  return [...scale.legend, ...signs];
+  return WORDS.filter((name) => state.layers[name]).map((name) => ({ ...STATES[name], text: `${name} (${number(counts[name], 0)})` }));
 }
 
 const titleOf = ({ trees }, tree) => `Tree ${trees.number[tree]}`
@@ -75,6 +71,8 @@ function treeFacts(model, survey, tree) {
   if (survey.height_m[tree] !== null) facts.push(["height", `${number(survey.height_m[tree], 1)} m`]);
   const growth = survey.growth.previous?.[tree] ?? null;
   if (growth !== null) facts.push(["since the survey before", percent(growth)]);
+  const all = survey.growth.first?.[tree] ?? null;
+  if (all !== null) facts.push(["since the first", percent(all)]);
   return { title: titleOf(model, tree), facts };
 }
 

@@ -46,10 +46,11 @@ class Scene extends Stage {
 
   *paintMarks(ctx, view) {
     const { survey, state, colours } = this;
+    if (this.scale) return; // signs would hide how the trees around them grow
     for (const [name, { shape, colour }] of Object.entries(STATES)) {
       if (!shape || !state.layers[name]) continue;
       const points = d3.range(survey.size).filter((i) => survey.state[i] === name).map((i) => [survey.x[i], survey.y[i]]);
-      yield* drawMarks(ctx, view, points, { shape, colour: this.scale ? colours.ink : colour, paper: colours.paper });
+      yield* drawMarks(ctx, view, points, { shape, colour, paper: colours.paper });
     }
   }
 

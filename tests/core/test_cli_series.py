@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,25 @@ def test_the_table_has_a_line_for_each_tree_and_survey(
     for survey, capture in zip(("2021", "2022", "2023"), orchard.captures, strict=True):
         feature = trees.feature[(trees.survey == survey) & shown]
         assert sorted(feature.tolist()) == list(range(len(capture.features)))
+
+
+def test_the_page_holds_the_probable_trees_of_the_table(done: Path) -> None:
+    text = (done / "series.html").read_text()
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
+    assert found
+    data = json.loads(found[1], parse_constant=pytest.fail)
+    assert {**data["series"], "memory": read(done / "series.json")["memory"]} == read(done / "series.json")
+    table = geopandas.read_parquet(done / "trees.parquet")
+    table = table[table.probability >= 0.5]
+    assert data["trees"]["number"] == table.tree.unique().tolist()
+    for survey, shown in zip(("2021", "2022", "2023"), data["history"], strict=True):
+        lines = table[table.survey == survey]
+        states = [data["states"][state] for state in shown["state"]]
+        assert [state.replace("not seen yet", "missing") for state in states] == lines.state.tolist()
+        assert np.allclose(np.array(shown["area_m2"], dtype=float), lines.area_m2, atol=0.006, equal_nan=True)
+        assert set(shown["height_m"]) == {None}
+        counts = {state: states.count(state) for state in STATES}
+        assert counts == next(said["states"] for said in data["series"]["surveys"] if said["name"] == survey)
 
 
 def test_places_are_in_the_first_surveys_crs(done: Path, folders: list[str]) -> None:

@@ -2,46 +2,20 @@
 
 from __future__ import annotations
 
-import base64
 import itertools
 import json
-import os
-import shutil
-from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
-from playwright.sync_api import Browser, BrowserContext, Route, sync_playwright
+from visiting import HOSTILE, MOVED, PHONE, brightness, differ
 
 from treereg_core.cli import main
 from treereg_core.report import page as page_of
 from treereg_core.simulate import Scene, simulate, simulate_family, write_simulation
 
-CHROMIUM = shutil.which("chromium")
-QUIET = ("--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update")
-SWITCHES = ["--no-sandbox", "--disable-gpu", "--disable-sync", *QUIET]
 SCENE = Scene(trees=250, jitter=0.1, area_persistence=0.9, shift_sd=4.0, rotation_sd=2.0)
-DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
-HOSTILE = "<img src=x onerror=alert(1)></script><script>window.hacked=1</script>"
-SETTLED = "document.documentElement.dataset.fault || document.getElementById('map').dataset.drawn"
-MOVED = "!window.treereg.scene.moving"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if CHROMIUM is None:
-        sentence = "no chromium is installed; install it (Debian: apt-get install chromium) to test the report in it"
-        if os.environ.get("CI"):
-            pytest.fail(sentence)
-        pytest.skip(sentence)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SWITCHES)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -60,82 +34,8 @@ def not_accepted(folder: Path, family: str) -> Path:
     return folder / "out"
 
 
-class Visit:
-    """A page that is open, and what went wrong in it."""
-
-    def __init__(self, context: BrowserContext, path: Path) -> None:
-        self.faults: list[str] = []
-        self.page = context.new_page()
-        self.page.on("console", lambda message: self.faults.append(f"{message.type}: {message.text}"))
-        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
-        self.page.on("dialog", lambda dialog: self.faults.append(f"dialog: {dialog.message}"))
-        context.route("**/*", lambda route: self.answer(route, path.as_uri()))
-        self.page.goto(path.as_uri())
-        self.until(SETTLED)
-
-    def answer(self, route: Route, mine: str) -> None:
-        if route.request.url == mine:
-            route.continue_()
-        else:
-            self.faults.append(f"asked for {route.request.url[:80]}")
-            route.abort()
-
-    def until(self, expression: str) -> None:
-        """Wait until this holds; asked from outside, since the page's policy lets no text be run as a script."""
-        for _ in range(500):
-            if self.page.evaluate(expression):
-                return
-            self.page.wait_for_timeout(20)
-        pytest.fail(f"never {expression}")
-
-    def pixels(self) -> np.ndarray:
-        """What is on the canvas, once everything asked for is drawn: (height, width, 4)."""
-        self.until(MOVED)
-        url = self.page.evaluate("""() => {
-            window.treereg.scene.drawNow();
-            return window.treereg.canvas.toDataURL();
-        }""")
-        return np.asarray(255 * imread(BytesIO(base64.b64decode(url.partition(",")[2])), format="png"))
-
-    def place_of(self, role: str, tree: int) -> tuple[float, float]:
-        """Where a tree lies on the page."""
-        x, y = self.page.evaluate("([role, tree]) => window.treereg.scene.screenOf(role, tree)", [role, tree])
-        box = self.page.locator("#map").bounding_box()
-        assert box is not None
-        return box["x"] + x, box["y"] + y
-
-    def tip(self) -> dict[str, str]:
-        """The numbers that are shown of a tree, by name, and its title."""
-        self.page.wait_for_selector("#tip:not([hidden])")
-        names, values = (self.page.locator(f"#tip {tag}").all_inner_texts() for tag in ("dt", "dd"))
-        title = self.page.locator("#tip strong").inner_text()
-        return {"title": title, **dict(zip(names, values, strict=True))}
-
-
-@pytest.fixture
-def visit(browser: Browser) -> Iterator[Any]:
-    """Opens a page; in the end nothing may have gone wrong in any."""
-    contexts: list[BrowserContext] = []
-    visits: list[Visit] = []
-
-    def opened(path: Path, **options: Any) -> Visit:
-        contexts.append(browser.new_context(**{"viewport": DESKTOP, "reduced_motion": "reduce", **options}))
-        visits.append(Visit(contexts[-1], path))
-        return visits[-1]
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert [fault for one in visits for fault in one.faults] == []
-
-
 def data_in(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "report-data.json").read_text())
-
-
-def differ(a: np.ndarray, b: np.ndarray) -> float:
-    """The share of pixels that differ."""
-    return float((a != b).any(axis=2).mean())
 
 
 def test_the_page_says_the_verdict_and_draws_the_map(clear: Path, visit: Any) -> None:
@@ -359,10 +259,6 @@ def test_damaged_data_is_told(clear: Path, tmp_path: Path, visit: Any) -> None:
     one = visit(path)
     assert one.page.locator("#headline").inner_text() == "This report cannot be drawn"
     assert "make it again" in one.page.locator("#sentence").inner_text()
-
-
-def brightness(pixels: np.ndarray) -> float:
-    return float(np.median(pixels[..., :3]))
 
 
 def test_light_dark_and_print(clear: Path, visit: Any) -> None:

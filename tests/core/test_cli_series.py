@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,7 @@ def read(path: Path) -> Any:
 def test_a_series_writes_a_folder_for_each_survey_the_trees_and_what_was_learned(done: Path) -> None:
     registered = {"registration.json", "detections_registered.geojson", "tree_matches.geojson"}
     assert files(done) == {
-        *("series.json", "trees.parquet", "trees.geojson"),
+        *("series.json", "series.html", "trees.parquet", "trees.geojson"),
         *(f"{survey}/{name}" for survey in ("2022", "2023") for name in registered),
         *("memory/memory.json", "memory/bn_landmarks.xml", "memory/.lock"),
     }
@@ -96,6 +97,25 @@ def test_the_table_has_a_line_for_each_tree_and_survey(
     for survey, capture in zip(("2021", "2022", "2023"), orchard.captures, strict=True):
         feature = trees.feature[(trees.survey == survey) & shown]
         assert sorted(feature.tolist()) == list(range(len(capture.features)))
+
+
+def test_the_page_holds_the_probable_trees_of_the_table(done: Path) -> None:
+    text = (done / "series.html").read_text()
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
+    assert found
+    data = json.loads(found[1], parse_constant=pytest.fail)
+    assert {**data["series"], "memory": read(done / "series.json")["memory"]} == read(done / "series.json")
+    table = geopandas.read_parquet(done / "trees.parquet")
+    table = table[table.probability >= 0.5]
+    assert data["trees"]["number"] == table.tree.unique().tolist()
+    for survey, shown in zip(("2021", "2022", "2023"), data["history"], strict=True):
+        lines = table[table.survey == survey]
+        states = [data["states"][state] for state in shown["state"]]
+        assert [state.replace("not seen yet", "missing") for state in states] == lines.state.tolist()
+        assert np.allclose(np.array(shown["area_m2"], dtype=float), lines.area_m2, atol=0.006, equal_nan=True)
+        assert set(shown["height_m"]) == {None}
+        counts = {state: states.count(state) for state in STATES}
+        assert counts == next(said["states"] for said in data["series"]["surveys"] if said["name"] == survey)
 
 
 def test_places_are_in_the_first_surveys_crs(done: Path, folders: list[str]) -> None:
@@ -198,7 +218,7 @@ def test_the_first_survey_has_to_be_right(folders: list[str], capsys: Output) ->
 
 def test_wrong_arguments_are_refused_before_work(folders: list[str], tmp_path: Path, capsys: Output) -> None:
     shutil.copytree(folders[1], "twin/2021")
-    for name in ("memory", "line\nfeed", ".hidden"):
+    for name in ("memory", "series.html", "line\nfeed", ".hidden"):
         shutil.copytree(folders[1], name)
     Path("link").symlink_to(folders[0])
     for arguments, word in (
@@ -206,6 +226,7 @@ def test_wrong_arguments_are_refused_before_work(folders: list[str], tmp_path: P
         ([folders[0], "nowhere"], "nowhere is not a folder"),
         ([folders[0], "twin/2021"], "have the same name"),
         ([folders[0], "memory"], "rename it"),
+        ([folders[0], "series.html"], "rename it"),
         ([folders[0], "line\nfeed"], "rename it"),
         ([folders[0], ".hidden"], "rename it"),
         ([folders[0], folders[0]], "are one folder"),
@@ -227,11 +248,12 @@ def test_overwrite_removes_what_an_earlier_series_left_and_nothing_else(folders:
     for mine in ("out/notes.txt", "out/2023/notes.txt", "out/memory/notes.txt"):
         Path(mine).write_text("mine")
     assert main(["series", *folders[:2], "--method", "icp", "--out", "out", "-q"]) == 2
-    assert main(["series", *folders[:2], "--method", "icp", "--out", "out", "-q", "--overwrite"]) == 0
+    again = ["series", *folders[:2], "--method", "icp", "--out", "out", "-q", "--overwrite", "--no-report"]
+    assert main(again) == 0
     left = files(Path("out"))
     assert {name for name in left if name.startswith("2023/")} == {"2023/notes.txt"}
     assert {"notes.txt", "memory/notes.txt", "memory/memory.json"} <= left
-    assert "memory/bn_landmarks.xml" not in left
+    assert not {"memory/bn_landmarks.xml", "series.html"} & left
 
 
 def with_raster(folder: str, name: str, pixel: float) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -43,6 +44,7 @@ from treereg_core.series.files import (
     write_series,
 )
 from treereg_core.series.history import State
+from treereg_core.series.page import PAGE
 from treereg_core.series.registering import Member, Series, carry_out, check_folders, name_of
 
 
@@ -71,6 +73,7 @@ def series(
     config: Config = None,
     plugin: Plugin = None,
     rasters: Rasters = "cog",
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write series.html, a page to look at.")] = True,
     seed: Seed = 0,
     threads: Threads = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print series.json instead of a summary.")] = False,
@@ -93,13 +96,13 @@ def series(
         remembering = replace(plan, options=plan.options.model_copy(update={"memory": folder / MEMORY}))
         console.items = len(surveys)
         found = carry_out(remembering, surveys, confidence_property, console.progress, tell)
-        for warning in write_series(found, folder, moved, console.share):
+        for warning in write_series(found, folder, moved, console.share, report):
             console.warn(warning)
         text = (folder / SERIES).read_text(encoding="utf-8")
     if as_json:
         typer.echo(text, nl=False)
     else:
-        console.show(summary(found, out))
+        console.show(summary(found, out, (*FILES, *([PAGE] if report else []))))
     return 0 if len(found.accepted) == len(found.members) else 3
 
 
@@ -114,7 +117,7 @@ def tell(member: Member) -> None:
         console.warn(f"{member.name} adds no trees ({member.word}): {reason}")
 
 
-def summary(found: Series, out: Path) -> str:
+def summary(found: Series, out: Path, names: Sequence[str]) -> str:
     """What came of each survey, the states of its probable trees, and where the files are."""
     counts, states = counted(found), [state.word for state in State]
     lines = [["survey", "verdict", *states, "expected error"]]
@@ -127,5 +130,5 @@ def summary(found: Series, out: Path) -> str:
     registered = f"{accepted} of {others} surveys registered onto {found.members[0].name}"
     table = [f"  {line}" for line in in_columns(lines, flush_left=2, width=width(GAP))]
     trees = f"{int(found.history.probable.sum())} trees in {found.places.rows} rows"
-    files = hanging("  files  ", [str(out / name) for name in FILES], width())
+    files = hanging("  files  ", [str(out / name) for name in names], width())
     return "\n".join([registered, *table, trees, *files])

@@ -1,4 +1,4 @@
-"""The page of a report: template, style, scripts and data in one file that asks the network for nothing."""
+"""A page: template, style, scripts and data in one file that asks the network for nothing."""
 
 from __future__ import annotations
 
@@ -6,31 +6,30 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-SCRIPTS = (
-    *("decode", "placement", "colour", "draw", "heat", "view", "layer", "swipe", "scene", "pick"),
-    *("panels", "histogram", "controls", "main"),
-)
-"""The scripts of the page, each on top of those before it."""
+SHARED = ("elements", "theme", "placement", "draw", "view", "layer", "stage", "pick", "map_page")
+"""The scripts of every page, each on top of those before it."""
+SCRIPTS = (*SHARED, "decode", "colour", "heat", "swipe", "scene", "panels", "histogram", "controls", "main")
+"""Those of the page of a run."""
 
 
-def page(data: Mapping[str, Any]) -> str:
-    """The page that shows this data, the content of report-data.json.
+def page(data: Mapping[str, Any], template: str = "template.html", scripts: Sequence[str] = SCRIPTS) -> str:
+    """The page that shows this data: the content of report-data.json, or what another page's scripts read.
 
     The data stands in it as JSON in which no markup can begin, and the scripts show it as text. The page's policy
     forbids the network, and any script or style but its own.
     """
     style, d3 = _text("report.css"), _text("d3.min.js")
-    script = '"use strict";\n(() => {\n' + "\n".join(_text(f"js/{name}.js") for name in SCRIPTS) + "})();\n"
+    script = '"use strict";\n(() => {\n' + "\n".join(_text(f"js/{name}.js") for name in scripts) + "})();\n"
     policy = (
         f"default-src 'none'; script-src {_source(d3)} {_source(script)}; style-src {_source(style)}; "
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
     parts = {"policy": policy, "style": style, "d3": d3, "script": script, "data": embedded(data)}
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _text("template.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _text(template))
 
 
 def embedded(data: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""The files of a series: series.json, the trees, and a folder for each survey with its registration."""
+"""The files of a series: series.json, the trees, a page, and a folder for each survey with its registration."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from treereg_core.errors import InputError
 from treereg_core.io.output import RUN_NAMES
 from treereg_core.outputs import write_result
 from treereg_core.series.history import State
+from treereg_core.series.page import PAGE, series_page
 from treereg_core.series.registering import Member, Series
 from treereg_core.series.table import table
 from treereg_core.survey_rasters import raster_plan
@@ -27,7 +28,7 @@ PARQUET, GEOJSON = "trees.parquet", "trees.geojson"
 MEMORY = "memory"
 """The folder of what each survey taught the next."""
 FILES = (SERIES, PARQUET, GEOJSON)
-RESERVED = (*FILES, MEMORY)
+RESERVED = (*FILES, PAGE, MEMORY)
 """Names that no survey's folder may have."""
 
 
@@ -41,7 +42,7 @@ def names_of_earlier(folder: Path) -> tuple[str, ...]:
         surveys, memory = [], []
     inside = [(MEMORY, name) for name in memory] + [(survey, name) for survey in surveys for name in RUN_NAMES]
     plain = [pair for pair in inside if all(Path(part).name == part and part != ".." for part in pair)]
-    return (SERIES, PARQUET, GEOJSON, *("/".join(map(glob.escape, pair)) for pair in plain))
+    return (*FILES, PAGE, *("/".join(map(glob.escape, pair)) for pair in plain))
 
 
 def write_series(
@@ -49,12 +50,13 @@ def write_series(
     folder: Path,
     rasters: io.RasterOptions | None = None,
     progress: Callable[[str, float], None] = lambda what, share: None,
+    report: bool = True,
 ) -> tuple[str, ...]:
     """Write everything into a folder that holds nothing but the memory; gives sentences for people.
 
     With `rasters` those of every accepted survey are moved onto the first survey's; one that cannot be moved is left
-    out, and a sentence says why. `progress` is given what is being moved and how much of it is done. Raises
-    `InputError` when the folder cannot be written.
+    out, and a sentence says why. `progress` is given what is being moved and how much of it is done. With `report`
+    there is series.html too. Raises `InputError` when the folder cannot be written.
     """
     warnings: tuple[str, ...] = ()
     for member in series.members:
@@ -65,7 +67,10 @@ def write_series(
     io.write_tree_table(columns, series.frame.crs, folder / PARQUET)
     io.write_tree_points(columns, series.frame.crs, folder / GEOJSON)
     taught = sorted(file.name for file in (folder / MEMORY).glob("*")) if (folder / MEMORY).is_dir() else []
-    io.write_json(folder / SERIES, {**series_json(series), "memory": taught})
+    document = series_json(series)
+    io.write_json(folder / SERIES, {**document, "memory": taught})
+    if report:
+        io.write_text(folder / PAGE, series_page(series, document))
     return warnings
 
 

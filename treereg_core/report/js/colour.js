@@ -1,9 +1,5 @@
-// Colours that people with any colour vision tell apart (Wong 2011, doi:10.1038/nmeth.1618), and what they stand for.
+// What colours stand for.
 
-const WONG = {
-  orange: "#e69f00", sky: "#56b4e9", green: "#009e73", yellow: "#f0e442", blue: "#0072b2", vermillion: "#d55e00",
-  purple: "#cc79a7", grey: "#8f9693",
-};
 const ROW_COLOURS = ["blue", "orange", "green", "purple", "sky", "vermillion", "yellow"].map((name) => WONG[name]);
 const STEPS = 32;
 const WORDS = {
@@ -11,16 +7,7 @@ const WORDS = {
   residual_m: "distance to the partner (m)",
 };
 
-const themed = {
-  light: { reference: WONG.blue, ink: "#1b1f1d", ground: "#f3f4f0", paper: "#ffffff" },
-  dark: { reference: WONG.sky, ink: "#e7eae8", ground: "#232826", paper: "#161918" },
-};
 const SOURCE = WONG.orange;
-
-function theme(printing) {
-  if (printing) return { ...themed.light, ground: "#ffffff" };
-  return matchMedia("(prefers-color-scheme: dark)").matches ? themed.dark : themed.light;
-}
 
 function inWords(quantity) {
   return WORDS[quantity] ?? quantity.replaceAll("_", " ");
@@ -76,6 +63,6 @@ function ramp(model, quantity) {
       const value = survey.quantities[quantity]?.[tree];
       return value === undefined ? WONG.grey : scale(value);
     },
-    legend: [{ text: `${inWords(quantity)}: ${d3.format(".3~g")(range[0])} to ${d3.format(".3~g")(range[1])}`, ramp: true }],
+    legend: [{ text: `${inWords(quantity)}: ${d3.format(".3~g")(range[0])} to ${d3.format(".3~g")(range[1])}`, ramp: d3.interpolateCividis }],
   };
 }

@@ -27,13 +27,6 @@ function fillLayers(model, state, changed) {
   }
 }
 
-function fillSelect(id, options, value, chosen) {
-  const select = byId(id);
-  select.append(...options.map(([name, text]) => Object.assign(element("option", text), { value: name })));
-  select.value = value;
-  select.addEventListener("change", () => chosen(select.value));
-}
-
 function colourChoices(model) {
   return [
     ["survey", "by survey"], ["match", "by match"], ...(model.rows ? [["row", "by row"]] : []),
@@ -66,12 +59,6 @@ function fillControls(model, state, changed) {
 }
 
 function fillPlacements(model, state, lay) {
-  model.placements.forEach((placement, index) => {
-    const label = element("label");
-    const radio = Object.assign(element("input"), { type: "radio", name: "placement", value: index, checked: index === state.placement });
-    radio.addEventListener("change", () => lay(index));
-    label.append(radio, element("span", placement.label));
-    byId("placements").append(label);
-  });
+  fillSegments("placements", "placement", model.placements.map(({ label }) => label), state.placement, lay);
   byId("play").disabled = model.placements.length < 2;
 }

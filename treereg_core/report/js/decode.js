@@ -1,7 +1,5 @@
 // From the data in the page to flat arrays, metres in the working frame.
 
-const readData = () => JSON.parse(document.getElementById("data").textContent);
-
 function decodeSurvey(raw, role, path) {
   const size = raw.x.length;
   const x = Float64Array.from(raw.x, (value) => value / 100);

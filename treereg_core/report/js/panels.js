@@ -1,34 +1,4 @@
-// What the page says in words and tables. All text from the data goes through `textContent`.
-
-const number = (value, digits) => (value === null || value === undefined ? "–" : d3.format(`,.${digits}f`)(value));
-const metres = (value) => (value === null || value === undefined ? "–" : value < 1 ? `${number(100 * value, 1)} cm` : `${number(value, 2)} m`);
-
-function element(tag, text, className) {
-  const made = document.createElement(tag);
-  if (text !== undefined) made.textContent = text;
-  if (className) made.className = className;
-  return made;
-}
-
-function byId(id) {
-  return document.getElementById(id);
-}
-
-function fillTable(id, rows, header, numeric = false) {
-  const cell = (tag, value, right) => element(tag, String(value), right ? "number" : "");
-  const table = byId(id);
-  table.replaceChildren();
-  if (header) {
-    const line = element("tr");
-    header.forEach((text, k) => line.append(cell("th", text, numeric && k > 0)));
-    table.append(line);
-  }
-  for (const [name, ...values] of rows) {
-    const line = element("tr");
-    line.append(cell("th", name, false), ...values.map((value) => cell("td", value, numeric)));
-    table.append(line);
-  }
-}
+// What the page says in words and tables.
 
 function fillHeader(model) {
   const { data } = model;
@@ -42,13 +12,7 @@ function fillHeader(model) {
   byId("sentence").textContent = data.sentence;
   byId("reason").textContent = `The judge: ${registration.reason}`;
   byId("warnings").append(...(data.warnings ?? []).map((text) => element("li", text)));
-  byId("figures").append(...figures(model).map(([name, value, more]) => {
-    const figure = element("div");
-    const description = element("dd", value);
-    if (more) description.append(element("small", more));
-    figure.append(element("dt", name), description);
-    return figure;
-  }));
+  fillFigures(figures(model));
 }
 
 function figures(model) {
@@ -129,8 +93,7 @@ function fillTables(model) {
     ...(offset ? [["Elevations", `source ${number(offset.median, 2)} m off, spread ${number(offset.spread, 2)} m; not applied`]] : []),
   ]);
   fillTable("timings", Object.entries(timings).map(([name, seconds]) => [name, number(seconds, 2)]), ["Stage", "Seconds"], true);
-  fillTable("settings", Object.entries(registration.settings).flatMap(([stage, values]) =>
-    Object.entries(values ?? {}).map(([name, value]) => [`${stage}.${name}`, typeof value === "string" ? value : JSON.stringify(value)])));
+  fillSettings(registration.settings);
 }
 
 // A tree's numbers, name and value, under the placement that is shown.
@@ -152,22 +115,6 @@ function treeFacts(model, placement, { role, tree }) {
   return { title: `Tree ${survey.id[tree]} of ${survey.fullName}`, facts };
 }
 
-function showTip(tip, { title, facts }) {
-  const list = element("dl");
-  for (const [name, value] of facts) list.append(element("dt", name), element("dd", value));
-  tip.replaceChildren(element("strong", title), list);
-  tip.hidden = false;
-}
-
-// Beside a point of the stage, and inside it.
-function placeTip(tip, [x, y], width, height) {
-  const [w, h] = [tip.offsetWidth, tip.offsetHeight];
-  const left = x + 16 + w < width ? x + 16 : Math.max(4, x - 16 - w);
-  const top = Math.min(Math.max(4, y - h / 2), Math.max(4, height - h - 4));
-  tip.style.left = `${width < 480 ? 4 : left}px`;
-  tip.style.top = `${width < 480 ? (y > height / 2 ? 4 : height - h - 4) : top}px`;
-}
-
 // What colours and signs on the map mean.
 function legendOf(model, { layers, heat, exaggeration }, { colouring, colours, placement }) {
   const entries = [...colouring.legend];
@@ -182,17 +129,4 @@ function legendOf(model, { layers, heat, exaggeration }, { colouring, colours, p
   if (layers.residuals) line(`residuals, drawn ${exaggeration} times as long`, colours.ink);
   if (layers.rows) line("rows of the reference; dashed: of the source, in the colour of the same row", ROW_COLOURS[0]);
   return entries;
-}
-
-function fillLegend(entries) {
-  byId("legend").replaceChildren(...entries.map(({ text, colour, ramp, line, symbol }) => {
-    const item = element("li");
-    const swatch = element("i", symbol, ramp ? "ramp" : line ? "line" : symbol ? "sign" : "");
-    if (ramp) swatch.style.background = `linear-gradient(90deg, ${d3.range(9).map((k) => d3.interpolateCividis(k / 8)).join(",")})`;
-    else if (line) swatch.style.borderColor = colour;
-    else if (symbol) swatch.style.color = colour;
-    else Object.assign(swatch.style, { background: colour, borderColor: colour });
-    item.append(swatch, element("span", text));
-    return item;
-  }));
 }

@@ -1,11 +1,9 @@
 // What is on the canvas: images and heat map, layers of canopies and marks, and what is selected.
 
-const SLICE_MS = 9; // of each frame, for drawing layers
-const REST_MS = 110; // without a move of the view, before layers are drawn anew
-
-class Scene {
+class Scene extends Stage {
   constructor(canvas, model, state) {
-    Object.assign(this, { canvas, model, state, zoomState: d3.zoomIdentity, pictures: {}, moving: false, printing: false });
+    super(canvas, model, state);
+    this.pictures = {};
     this.layers = {
       reference: new Layer((ctx, view) => this.paintReference(ctx, view)),
       source: new Layer((ctx, view, placed) => this.paintSource(ctx, view, placed)),
@@ -19,8 +17,12 @@ class Scene {
     return this.model.placements[this.state.placement];
   }
 
-  get view() {
-    return zoomed(this.whole, this.zoomState);
+  wholeView(width, height) {
+    return wholeView(this.model, this.model.placements[Math.max(this.model.after, 0)].transform, width, height);
+  }
+
+  placedBy(layer) {
+    return layer === "source" ? this.state.transform : IDENTITY;
   }
 
   loadPictures() {
@@ -33,65 +35,6 @@ class Scene {
       });
       picture.src = survey.image.url;
     }
-  }
-
-  resize() {
-    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
-    this.ratio = Math.min(devicePixelRatio || 1, 2);
-    this.canvas.width = Math.max(1, Math.round(width * this.ratio));
-    this.canvas.height = Math.max(1, Math.round(height * this.ratio));
-    const home = this.model.placements[Math.max(this.model.after, 0)].transform;
-    this.whole = wholeView(this.model, home, width, height);
-  }
-
-  zoomTo(transform) {
-    this.zoomState = transform;
-    this.redraw();
-    this.refresh(REST_MS);
-  }
-
-  // The layers are out of date: draw them anew, unless that is asked for again within so many milliseconds.
-  refresh(delay = 0) {
-    clearTimeout(this.rest);
-    this.job = null;
-    this.rest = setTimeout(() => {
-      this.job = this.prepare();
-      this.redraw();
-    }, delay);
-  }
-
-  redraw() {
-    this.frame ??= requestAnimationFrame(() => {
-      this.frame = undefined;
-      this.work(SLICE_MS);
-      this.draw();
-      if (this.job) this.redraw();
-    });
-  }
-
-  // Everything at once, for print.
-  drawNow() {
-    clearTimeout(this.rest);
-    this.job = this.prepare();
-    this.work(Infinity);
-    this.draw();
-  }
-
-  work(milliseconds) {
-    if (this.moving) return;
-    const end = performance.now() + milliseconds;
-    while (this.job && performance.now() < end) if (this.job.next().done) this.job = null;
-  }
-
-  *prepare() {
-    const { view, ratio } = this;
-    const placed = this.state.transform;
-    const fronts = {};
-    for (const [name, layer] of Object.entries(this.layers)) {
-      fronts[name] = yield* layer.prepare(view, ratio, name === "source" ? placed : IDENTITY);
-    }
-    for (const [name, layer] of Object.entries(this.layers)) layer.front = fronts[name];
-    this.canvas.dataset.drawn = String(Number(this.canvas.dataset.drawn ?? 0) + 1);
   }
 
   // Colours as they are to be now.

@@ -11,6 +11,11 @@ function wholeView(model, transform, width, height) {
     if (y < ys[0]) ys[0] = y;
     if (y > ys[1]) ys[1] = y;
   }
+  return fitting(xs, ys, width, height);
+}
+
+// The view that shows the ground between these eastings and northings, metres.
+function fitting(xs, ys, width, height) {
   const margin = 0.03 * Math.max(xs[1] - xs[0], ys[1] - ys[0], 10);
   const [w, h] = [xs[1] - xs[0] + 2 * margin, ys[1] - ys[0] + 2 * margin];
   const scale = Math.min(width / w, height / h);

@@ -1,7 +1,7 @@
 """Spoiled files for everything that reads one: `python -m benchmarks.fuzz --inputs 100000`.
 
 Each input is made from its number alone, so that a crash is seen again with `--target NAME --first-seed N --inputs 1`.
-An input that is refused with a sentence or used is well; anything else, more than `--seconds` of it included, is a crash.
+An input that is refused with a sentence or used is well; anything else is a crash, and so are more than `--seconds`.
 """
 
 from __future__ import annotations
@@ -45,6 +45,12 @@ def _outcome(name: str, seed: int, folder: Path, seconds: int) -> str:
     return "accepted"
 
 
+def _kind(crash: str) -> str:
+    """Where it came from: crashes from one place are shown once."""
+    places = [line for line in crash.splitlines() if line.lstrip().startswith("File ")]
+    return "".join(places[-2:]) + crash.splitlines()[-1][:60]
+
+
 def _stop(*_: object) -> None:
     raise Hang
 
@@ -69,8 +75,8 @@ def main() -> None:
             for seed in range(given.first_seed, given.first_seed + each):
                 outcome = _outcome(name, seed, Path(folder), given.seconds)
                 counts[outcome if outcome in counts else "crashed"] += 1
-                if outcome not in counts and outcome.splitlines()[-1][:60] not in seen:
-                    seen.add(outcome.splitlines()[-1][:60])
+                if outcome not in counts and _kind(outcome) not in seen:
+                    seen.add(_kind(outcome))
                     print(f"{name}, seed {seed}:\n{outcome}", flush=True)
             rows.append([name, str(each), *map(str, counts.values()), f"{time.monotonic() - begun:.0f}"])
             print(f"{name}: {counts}", flush=True)

@@ -1,4 +1,4 @@
-"""What is fuzzed: every kind of file that treereg reads from outside, a valid one, how to spoil it, and what reads it."""
+"""What is fuzzed: each kind of file that is read from outside, a valid one, how to spoil it, and what reads it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Target:
 
 
 def _command(*arguments: str) -> Use:
-    """The real command, in whose arguments `{}` is the folder: code 0 or 3, or 2 with one sentence, and nothing else."""
+    """The real command, `{}` being the folder: exit code 0 or 3, or 2 with one sentence, and nothing else."""
 
     def use(folder: Path) -> None:
         told = streams.StringIO()
@@ -239,8 +239,8 @@ reach = 1.5
 [judge]
 [coarse]
 """
-MANIFEST = b"orchard,reference,source\nnorth,a/2023,a/2024\nsouth,b/2023,b/2024\n\"e, w\",c,d\n"
-CHECKPOINTS = b"reference_x,reference_y,source_x,source_y\n343001,6306002,343002,6306003\n343009,6306008,343001,6306004\n"
+MANIFEST = b'orchard,reference,source\nnorth,a/2023,a/2024\nsouth,b/2023,b/2024\n"e, w",c,d\n'
+CHECKPOINTS = b"reference_x,reference_y,source_x,source_y\n343001,6306002,343002,6306003\n343009,6306008,343001,6306\n"
 
 
 @cache
@@ -284,7 +284,9 @@ TARGETS: dict[str, Target] = {
     "raster": Target("dem_10cm.tif", _raster, mutated_bytes, _use_raster, (DETECTIONS,)),
     "moved-geojson": Target("a.geojson", _detections, mutated_json, partial(_use_moved, "a.geojson")),
     "moved-geopackage": Target("a.gpkg", partial(_file, ".gpkg"), _spoil_geopackage, partial(_use_moved, "a.gpkg")),
-    "moved-geoparquet": Target("a.parquet", partial(_file, ".parquet"), _spoil_parquet, partial(_use_moved, "a.parquet")),
+    "moved-geoparquet": Target(
+        "a.parquet", partial(_file, ".parquet"), _spoil_parquet, partial(_use_moved, "a.parquet")
+    ),
     "moved-shapefile": Target("a.shp", partial(_file, ".shp"), mutated_bytes, partial(_use_moved, "a.shp")),
 }
 """By the name that the table has."""

@@ -41,7 +41,7 @@ STRANGE: tuple[Value, ...] = (
 )
 """Values that stand where others were meant."""
 FACTORS = (-1, 0, 1e-300, 1e-9, 1 + 1e-12, 2, 1e9, 1e300)
-WORDS = ("nan", "inf", "-1", "1e999", "9" * 5000, '"', "'", "[", "]", "=", ",", ";", "\n", "\x00", "\u2028", "é", "..", "")
+WORDS = ("nan", "inf", "-1", "1e999", "9" * 5000, *"\"'[]=,;\n\x00\u2028é", "..", "")
 
 
 def mutated_bytes(content: bytes, chance: Random) -> bytes:
@@ -106,7 +106,8 @@ def mutated_json(content: bytes, chance: Random) -> bytes:
 
 def _somewhere(document: list[Value], chance: Random) -> tuple[Value, Value]:
     """A container in the document and the key of one of its values."""
-    holder, key = document, 0
+    holder: Value = document
+    key: Value = 0
     while True:
         inner = holder[key]
         if not isinstance(inner, dict | list) or not inner or chance.randrange(5) == 0:
@@ -123,14 +124,25 @@ def _change(holder: Value, key: Value, chance: Random) -> None:
     elif len(holder) > 1:
         changes += [lambda: holder.pop(key), lambda: holder.insert(key, _copy(value)), lambda: chance.shuffle(holder)]
     if isinstance(value, int | float):
-        changes += [lambda: _put(holder, key, value * chance.choice(FACTORS))] * 3
+        changes += [lambda: _put(holder, key, _scaled(value, chance.choice(FACTORS)))] * 3
     if isinstance(value, str):
-        changes.append(lambda: _put(holder, key, mutated_bytes(value.encode(), chance).decode(errors="replace")))
+        changes.append(lambda: _put(holder, key, _respelt(value, chance)))
     if isinstance(value, list):
         changes += [value.clear, lambda: _put(holder, key, value[: len(value) // 2])]
     if chance.randrange(20) == 0:
         changes = [lambda: _put(holder, key, _nested(value, chance.choice((10, 100, 900))))]
     chance.choice(changes)()
+
+
+def _scaled(value: float, factor: float) -> Value:
+    try:
+        return value * factor
+    except OverflowError:
+        return -value
+
+
+def _respelt(value: str, chance: Random) -> str:
+    return mutated_bytes(value.encode(errors="replace"), chance).decode(errors="replace")
 
 
 def _put(holder: Value, key: Value, value: Value) -> None:

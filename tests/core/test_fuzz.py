@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from io_files import raw, survey
+from io_files import feature, polygon, raw, survey
 
 from benchmarks.fuzz_targets import FRAME, TARGETS, spoiled, tried, valid
 from treereg_core.cli import main
@@ -114,6 +114,12 @@ def test_a_geopackage_that_another_program_holds_is_not_waited_for_without_end(
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(InputError, match=r"another program"):
             move_vector(path, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
+
+
+def test_what_lies_out_of_reach_of_the_transform_is_refused_without_a_warning(tmp_path: Path) -> None:
+    ring = [[-161.0, 89.0], [-161.1, 89.0], [-161.1, 89.1], [-161.0, 89.0]]
+    content = changed("moved-geojson", features=[feature(polygon(ring)), feature(polygon([[1e9, 1e9]] * 4))])
+    refused(tmp_path, content, "moved-geojson", "does not reach")
 
 
 def test_deep_nesting_ends_with_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -116,6 +116,12 @@ def test_a_geopackage_that_another_program_holds_is_not_waited_for_without_end(
             move_vector(path, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
 
 
+def test_a_crs_from_which_there_is_no_way(tmp_path: Path) -> None:
+    local = 'ENGCRS["a",EDATUM["b"],CS[Cartesian,2],AXIS["x",east],AXIS["y",north],LENGTHUNIT["metre",1]]'
+    member = {"type": "name", "properties": {"name": local}}
+    refused(tmp_path, changed("detections", crs=member), "detections", "no way from the CRS")
+
+
 def test_what_lies_out_of_reach_of_the_transform_is_refused_without_a_warning(tmp_path: Path) -> None:
     ring = [[-161.0, 89.0], [-161.1, 89.0], [-161.1, 89.1], [-161.0, 89.0]]
     content = changed("moved-geojson", features=[feature(polygon(ring)), feature(polygon([[1e9, 1e9]] * 4))])

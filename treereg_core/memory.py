@@ -175,10 +175,13 @@ def load(folder: Path) -> Memory | None:
     if int(number[1]) > VERSION:
         raise InputError(f"{path} was written by a later version of treereg; update treereg, or begin a new folder.")
     try:
-        return Memory(**document)
+        memory = Memory(**document)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         io.damaged(path, f"{'.'.join(map(str, first['loc']))[:80]}: {first['msg']}")
+    if memory.crs is not None:
+        io.parse_crs(memory.crs, path)
+    return memory
 
 
 def check_methods(folder: Path, memory: Memory, plugins: Mapping[str, str]) -> None:

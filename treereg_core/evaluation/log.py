@@ -61,12 +61,12 @@ def read(path: Path) -> tuple[tuple[str, ...], tuple[Trial, ...]]:
     """The columns and the trials of a log. `UsageError` for a file that is none, `OSError` when it cannot be read."""
     wrong = UsageError(f"{path}: not a file of trials of this version; give one that treereg evaluate wrote.")
     with path.open(encoding="utf-8", newline="") as file:
-        rows = csv.DictReader(file)
-        columns = tuple(rows.fieldnames or ())
-        if columns[: len(FIXED)] != tuple(FIXED):
-            raise wrong
-        figures = columns[len(FIXED) :]
         try:
+            rows = csv.DictReader(file)
+            columns = tuple(rows.fieldnames or ())
+            if columns[: len(FIXED)] != tuple(FIXED):
+                raise wrong
+            figures = columns[len(FIXED) :]
             trials = tuple(
                 Trial(
                     **{name: READERS[name](row[name]) for name in FIXED},
@@ -74,7 +74,7 @@ def read(path: Path) -> tuple[tuple[str, ...], tuple[Trial, ...]]:
                 )
                 for row in rows
             )
-        except (TypeError, ValueError, UnicodeDecodeError):
+        except (TypeError, ValueError, csv.Error):
             raise wrong from None
     return columns, trials
 

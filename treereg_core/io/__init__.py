@@ -10,7 +10,7 @@
 """
 
 from treereg_core.io.checkpoints import read_checkpoints
-from treereg_core.io.crs import full_coordinates
+from treereg_core.io.crs import full_coordinates, parse_crs
 from treereg_core.io.files import find_files, read_json
 from treereg_core.io.geoframes import is_geoframe, matches_geoframe, move_geoframe, registered_geoframe
 from treereg_core.io.grid import Grid, Motion
@@ -63,6 +63,7 @@ __all__ = [
     "memory_lock",
     "move_geoframe",
     "move_vector",
+    "parse_crs",
     "raster_job",
     "raster_outline",
     "read_checkpoints",

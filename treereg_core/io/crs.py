@@ -6,6 +6,7 @@ All coordinates are east (or longitude) before north, whatever axis order a CRS 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -24,20 +25,35 @@ WGS84 = "OGC:CRS84"
 MAX_SCALE_ERROR = 0.01
 """A projected unit that is further than this from a true metre at the place (Web Mercator's, say) is not a metre."""
 
+NAMES_A_FILE = re.compile(r"grids\s*=\s*(?!@null\b)|PARAMETERFILE|\binit\s*=\s*[^:]*[/\\\\.]", re.IGNORECASE)
+"""What stands in the definition of a CRS that PROJ would open files for."""
+
 _A, _E2 = 6378137.0, 0.00669437999014
 
 
 def parse_crs(name: str, path: Path) -> CRS:
-    """The CRS of this name or text, without its vertical part. `InputError` names the file."""
+    """The CRS of this name or text, without its vertical part.
+
+    `InputError`, which names the file, for one that is unknown, or that would have other files read.
+    """
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
+    _check_no_files(str(name), path)
     try:
-        return CRS.from_user_input(name).to_2d()
-    except CRSError as error:
+        crs = CRS.from_user_input(name).to_2d()
+        _check_no_files(crs.to_wkt(), path)
+    except (CRSError, ValueError) as error:  # half a surrogate pair is a ValueError
         raise InputError(
-            f"{path} names an unknown CRS ({name!r:.80}); name a known one, such as EPSG:32734."
+            f"{path} names an unknown CRS ({name!a:.80}); name a known one, such as EPSG:32734."
         ) from error
+    return crs
+
+
+def _check_no_files(text: str, path: Path) -> None:
+    """Refuse a CRS whose definition names a file: a grid, or one of definitions."""
+    if NAMES_A_FILE.search(text):
+        raise InputError(f"{path} has a CRS that names another file; name one by its code, such as EPSG:32734.")
 
 
 def crs_name(crs: CRS) -> str:
@@ -81,10 +97,20 @@ def zone_crs(lonlat: FloatArray) -> str:
 
 @lru_cache(maxsize=32)
 def converter(source: str, target: str) -> Callable[[FloatArray], FloatArray]:
-    """A function that takes coordinates (n, 2) in one CRS to another; those out of reach become infinite."""
-    from pyproj import Transformer
+    """A function that takes coordinates (n, 2) in one CRS to another; those out of reach become infinite.
 
-    transformer = Transformer.from_crs(source, target, always_xy=True)
+    `InputError` where there is no way from one to the other, as with a local CRS.
+    """
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        transformer = Transformer.from_crs(source, target, always_xy=True)
+    except ProjError as error:
+        raise InputError(
+            f"there is no way from the CRS {source!a:.60} to {target!a:.60}; name a known one in the file, such as "
+            "EPSG:32734."
+        ) from error
 
     def convert(xy: FloatArray) -> FloatArray:
         if len(xy) == 0:

@@ -24,6 +24,8 @@ TILE = 64
 """Cells along a side of what is read at once."""
 LARGEST_M = 30.0
 """What is wider or higher on the map is no tree."""
+HIGHEST_M = 20_000.0
+"""Elevations further from zero are none."""
 TOP = 0.98
 """Quantile of the elevations in a canopy that is its top; the highest may be a fault of the raster."""
 LOW = 0.2
@@ -174,7 +176,7 @@ def _values(dataset: DatasetReader, box: Box, step: int) -> FloatArray:
     read = dataset.read(1, window=window, out_shape=(rows, columns), masked=True)
     values = read.filled(0).astype(np.float64) * dataset.scales[0] + dataset.offsets[0]
     values[np.ma.getmaskarray(read)] = np.nan
-    values[~np.isfinite(values)] = np.nan
+    values[~(np.abs(values) <= HIGHEST_M)] = np.nan
     return np.asarray(values)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from treereg_core.errors import InputError, TreeregError
+from treereg_core.io.untrusted import check_file_size
 
 DETECTIONS = ("raw-detections", "raw_detections", "detections_raw")
 SUFFIXES = (".geojson", ".gpkg", ".parquet")
@@ -108,6 +109,7 @@ def collector_paused() -> Iterator[None]:
 
 
 def _decoded(path: Path) -> str:
+    check_file_size(path)
     raw = path.read_bytes()
     return raw.decode(json.detect_encoding(raw))
 

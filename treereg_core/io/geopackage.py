@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from treereg_core.errors import InputError
+from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import reading
 from treereg_core.io.shapes import move_shapes, shapes, to_wkb
+from treereg_core.io.untrusted import check_geopackage
 from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
@@ -23,6 +25,10 @@ ENVELOPES = (0, 32, 48, 48, 64)
 """Bytes of the bounds that stand before the geometry, by their code."""
 ROWS = 20_000
 """How many geometries are in memory at once."""
+PAGES = 10_000
+"""How many pages of the database are copied at once."""
+LONGEST_WAIT = 20
+"""How often copying is tried again, every quarter of a second, while another program holds the database."""
 SIDES = ("ST_MinX", "ST_MinY", "ST_MaxX", "ST_MaxY")
 
 
@@ -34,9 +40,10 @@ def move_geopackage(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Fl
             start = file.read(16)
         if start != b"SQLite format 3\0":
             raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
+        check_geopackage(path)
         with closing(sqlite3.connect(target)) as database:
             with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source:
-                source.backup(database)
+                source.backup(database, pages=PAGES, progress=_Waiting(path))
             _add_functions(database)
             layers = database.execute("SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns").fetchall()
             if not layers:
@@ -46,9 +53,22 @@ def move_geopackage(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Fl
             database.commit()
 
 
-def _crs(database: sqlite3.Connection, srs: int, table: str, path: Path) -> CRS:
-    from pyproj import CRS
+class _Waiting:
+    """Ends the copying of a database that comes no further, because it is locked or says so."""
 
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._left = -1
+        self._waits = 0
+
+    def __call__(self, status: int, left: int, total: int) -> None:
+        self._waits = self._waits + 1 if left == self._left else 0
+        self._left = left
+        if self._waits > LONGEST_WAIT:
+            raise InputError(f"{self._path} is in use by another program, or is damaged; close it there.")
+
+
+def _crs(database: sqlite3.Connection, srs: int, table: str, path: Path) -> CRS:
     found = database.execute(
         "SELECT organization, organization_coordsys_id, definition FROM gpkg_spatial_ref_sys WHERE srs_id = ?", (srs,)
     ).fetchone()
@@ -56,9 +76,9 @@ def _crs(database: sqlite3.Connection, srs: int, table: str, path: Path) -> CRS:
         raise InputError(f"{path} has no CRS for the layer {table:.60}; assign it.")
     organisation, code, definition = found
     try:
-        return CRS.from_authority(organisation, code)
-    except Exception:
-        return CRS.from_user_input(definition)
+        return parse_crs(f"{organisation}:{code}", path)
+    except InputError:
+        return parse_crs(definition, path)
 
 
 def _move_layer(

@@ -120,9 +120,9 @@ def moved(xy: FloatArray, crs: str, motion: Motion, target: str) -> FloatArray:
     In degrees longitudes stay on the side of the antimeridian on which they were, so that what crosses it stays whole.
     """
     working = converted(xy, crs, motion.crs)
-    there = converted(motion.reference_from_source(working), motion.crs, target)
-    if crs == target and is_geographic(crs):
-        with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):
+        there = converted(motion.reference_from_source(working), motion.crs, target)
+        if crs == target and is_geographic(crs):
             there[:, 0] += 360 * np.round((xy[:, 0] - there[:, 0]) / 360)
     return there
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from treereg_core.features import IntArray
 from treereg_core.heights import Heights
 from treereg_core.io.crs import converter, crs_name, parse_crs
 from treereg_core.io.elevation import Canopies, Elevations, read_elevations
-from treereg_core.io.files import reading
+from treereg_core.io.raster import open_raster
 from treereg_core.survey import Frame
 from treereg_core.transform import FloatArray
 
@@ -42,18 +41,14 @@ def read_heights(path: Path, polygons: NDArray[np.object_], frame: Frame) -> tup
     The raster may have any CRS and lie at any angle, cover a part only, and have nodata. Raises `InputError` for one
     that cannot be read.
     """
-    import rasterio
-
     unknown = np.full(len(polygons), np.nan)
-    with reading(path, "a raster"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with rasterio.open(path) as dataset:
-            if dataset.crs is None:
-                told = f"{path} names no CRS, so heights are not taken from it; export it with its CRS."
-                return Heights(unknown, unknown), (told,)
-            crs = crs_name(parse_crs(dataset.crs.to_wkt(), path))
-            canopies = Canopies.of(polygons, _pixels_from_frame(dataset, crs, frame))
-            found = None if canopies is None else read_elevations(dataset, canopies, AROUND_M)
+    with open_raster(path) as dataset:
+        if dataset.crs is None:
+            told = f"{path} names no CRS, so heights are not taken from it; export it with its CRS."
+            return Heights(unknown, unknown), (told,)
+        crs = crs_name(parse_crs(dataset.crs.to_wkt(), path))
+        canopies = Canopies.of(polygons, _pixels_from_frame(dataset, crs, frame))
+        found = None if canopies is None else read_elevations(dataset, canopies, AROUND_M)
     ground = unknown if found is None else ground_at(found)
     height = unknown if found is None else np.maximum(found.top - ground, 0)
     if not np.isfinite(height).any():

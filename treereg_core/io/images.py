@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 from treereg_core.errors import InputError
 from treereg_core.image import Image
-from treereg_core.io.files import find_files, reading
+from treereg_core.io.files import find_files
+from treereg_core.io.raster import open_raster
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import Affine
 
@@ -35,29 +35,26 @@ def read_image(path: Path, frame: Frame, largest: int = LARGEST) -> Image:
     Bands are averaged, less one that holds the opacity; values are over the largest of their type, or of the image
     where that is a floating one. Raises `InputError` for a raster that cannot be read or has no CRS.
     """
-    import rasterio
     from rasterio.enums import ColorInterp, Resampling
     from rasterio.vrt import WarpedVRT
     from rasterio.warp import calculate_default_transform
 
-    with reading(path, "a raster"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with rasterio.open(path) as dataset:
-            if dataset.crs is None:
-                raise InputError(f"{path} names no CRS; give it one.")
-            grid = (dataset.crs, frame.crs, dataset.width, dataset.height, *dataset.bounds)
-            transform, width, height = calculate_default_transform(*grid)
-            factor = math.ceil(max(width, height) / largest)
-            a, b, c, d, e, f = transform[:6]
-            transform = type(transform)(a * factor, b * factor, c, d * factor, e * factor, f)
-            options = {"crs": frame.crs, "transform": transform, "resampling": Resampling.average, "add_alpha": True}
-            size = {"width": max(1, width // factor), "height": max(1, height // factor)}
-            bands = [k for k, kind in enumerate(dataset.colorinterp, 1) if kind is not ColorInterp.alpha]
-            if dataset.nodata is not None:
-                options["add_alpha"] = False
-            with WarpedVRT(dataset, **options, **size) as warped:
-                values = warped.read(bands, out_dtype="float64")
-                shown = warped.dataset_mask() > 0
+    with open_raster(path) as dataset:
+        if dataset.crs is None:
+            raise InputError(f"{path} names no CRS; give it one.")
+        grid = (dataset.crs, frame.crs, dataset.width, dataset.height, *dataset.bounds)
+        transform, width, height = calculate_default_transform(*grid)
+        factor = math.ceil(max(width, height) / largest)
+        a, b, c, d, e, f = transform[:6]
+        transform = type(transform)(a * factor, b * factor, c, d * factor, e * factor, f)
+        options = {"crs": frame.crs, "transform": transform, "resampling": Resampling.average, "add_alpha": True}
+        size = {"width": max(1, width // factor), "height": max(1, height // factor)}
+        bands = [k for k, kind in enumerate(dataset.colorinterp, 1) if kind is not ColorInterp.alpha]
+        if dataset.nodata is not None:
+            options["add_alpha"] = False
+        with WarpedVRT(dataset, **options, **size) as warped:
+            values = warped.read(bands, out_dtype="float64")
+            shown = warped.dataset_mask() > 0
     grey = values.mean(axis=0)
     kind = np.dtype(dataset.dtypes[0])
     top = float(np.iinfo(kind).max) if kind.kind in "iu" else float(np.max(grey[shown], initial=1.0))

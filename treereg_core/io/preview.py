@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
-from treereg_core.io.files import reading
 from treereg_core.io.grid import converted
-from treereg_core.io.raster import Raster, quiet_gdal, read_raster
+from treereg_core.io.raster import Raster, open_raster, read_raster
 from treereg_core.survey import Survey
 from treereg_core.transform import Affine, Model
 
@@ -49,14 +48,13 @@ def read_preview(survey: Survey) -> Preview | None:
     """
     if survey.visible is None:
         return None
-    import rasterio
     from rasterio.enums import Resampling
 
     raster = read_raster(survey.visible, (survey.frame.crs, survey.features.xy + np.asarray(survey.frame.origin)))
     grid = raster.grid
     factor = max(1.0, max(grid.width, grid.height) / LARGEST)
     height, width = (max(1, round(side / factor)) for side in (grid.height, grid.width))
-    with reading(raster.path, "a raster"), quiet_gdal(), rasterio.open(raster.path) as dataset:
+    with open_raster(raster.path) as dataset:
         if grid.width * grid.height > MOST_PIXELS and not dataset.overviews(1):
             raise InputError(f"{raster.path} has no overviews, so no preview is made of it; add them with gdaladdo.")
         bands = _bands(raster)

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,13 @@ LARGEST_BLOCK = 256 * 2**20
 """A raster stored in larger pieces, in bytes, is refused: each must be held whole to read one pixel of it."""
 LARGEST_RASTER = 2**40
 """A raster of more bytes of pixels is refused."""
+
+DRIVERS = ("GTiff", "PNG", "JPEG", "JP2OpenJPEG", "WEBP", "BMP", "AAIGrid")
+"""The formats that are read, as GDAL names them: their files hold pixels and no names of others."""
+OFFLINE = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
+"""GDAL opens no address but one of this name, which there is not."""
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""How a TIFF begins."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,35 @@ def quiet_gdal(**options: Any) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def open_raster(path: Path) -> Iterator[Any]:
+    """A raster file that others made, opened by rasterio to be read; what is done inside becomes an `InputError` too.
+
+    Only formats whose files hold their own pixels are tried (`DRIVERS`), so that no file has another one, or an address
+    in the network, read. Raises `InputError` for any other, for one whose side files do that, and for one that claims
+    more than can be worked on.
+    """
+    from rasterio.io import DatasetReader
+
+    with reading(path, "a raster"), quiet_gdal(**OFFLINE):
+        _check_beside(path)
+        # rasterio.open takes no list of drivers, whatever it says
+        with DatasetReader(str(path), driver=list(DRIVERS)) as dataset:
+            if "OVERVIEW_FILE" in dataset.tags(ns="OVERVIEWS"):
+                raise InputError(f"{path} names another file as its overviews; export it again.")
+            _check_size(path, dataset)
+            yield dataset
+
+
+def _check_beside(path: Path) -> None:
+    """Refuse overviews and masks beside a raster that are of another format: they would be opened with it."""
+    for side in path.parent.glob(f"{escape(path.name)}.*"):
+        if side.suffix.lower() in (".ovr", ".msk") and side.is_file():
+            with side.open("rb") as file:
+                if file.read(4) not in TIFF:
+                    raise InputError(f"{side} is no TIFF; remove it, or make it again.")
+
+
 def read_raster(path: Path, fallback: tuple[str, FloatArray | None] | None = None) -> Raster:
     """What a raster file says of itself.
 
@@ -80,11 +117,8 @@ def read_raster(path: Path, fallback: tuple[str, FloatArray | None] | None = Non
     must lie where that CRS is used); it comes with a warning. Raises `InputError` for a raster that is not
     georeferenced, is damaged or cut off, or claims more than can be worked on.
     """
-    import rasterio
-
-    with reading(path, "a raster"), quiet_gdal(), rasterio.open(path) as dataset:
+    with open_raster(path) as dataset:
         raster = _described(path, dataset, fallback)
-        _check_size(raster, dataset)
         _check_complete(raster, dataset)
     return raster
 
@@ -179,21 +213,23 @@ def _in_use(corners: FloatArray, crs: CRS) -> bool:
     return bool((inside & (east <= ((area.east - area.west) % 360 or 360))).all())
 
 
-def _check_size(raster: Raster, dataset: Any) -> None:
+def _check_size(path: Path, dataset: Any) -> None:
     """Refuse what claims more than can be worked on, as a file made to exhaust a machine does."""
-    grid = raster.grid
-    size = grid.width * grid.height * raster.pixel_bytes
+    if dataset.count == 0:
+        return
+    sample = max(4 if name == "complex_int16" else np.dtype(name).itemsize for name in dataset.dtypes)
+    size = dataset.width * dataset.height * dataset.count * sample
     if size > LARGEST_RASTER:
         raise InputError(
-            f"{raster.path} claims {grid.width} x {grid.height} pixels ({size / 2**40:,.0f} TB), too many to be true "
+            f"{path} claims {dataset.width} x {dataset.height} pixels ({size / 2**40:,.0f} TB), too many to be true "
             "of an orchard; cut it to size."
         )
     height, width = dataset.block_shapes[0]
-    whole = raster.count if dataset.interleaving and dataset.interleaving.name == "pixel" else 1
-    block = height * width * whole * np.dtype(raster.dtype).itemsize
+    whole = dataset.count if dataset.interleaving and dataset.interleaving.name == "pixel" else 1
+    block = height * width * whole * sample
     if dataset.compression and block > LARGEST_BLOCK:
         raise InputError(
-            f"{raster.path} is stored in pieces of {width} x {height} pixels ({block / 2**20:,.0f} MB), too large to "
+            f"{path} is stored in pieces of {width} x {height} pixels ({block / 2**20:,.0f} MB), too large to "
             "hold; export it again in tiles."
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,8 +11,8 @@ import numpy as np
 from treereg_core.errors import InputError
 from treereg_core.io.capture import Capture, capture_of, capture_of_table
 from treereg_core.io.crs import WGS84, crs_name, geocentric, is_true_metres, parse_crs, place_of, to_frame, zone_crs
-from treereg_core.io.files import reading
 from treereg_core.io.place import place
+from treereg_core.io.raster import open_raster
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import FloatArray
 
@@ -114,12 +113,8 @@ def own_frame(capture: Capture) -> Frame:
 
 def _raster_crs(path: Path, lonlat: FloatArray) -> str | None:
     """The name of a raster's CRS if it can be the working one."""
-    import rasterio
-
-    with reading(path, "a raster"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with rasterio.open(path) as dataset:
-            wkt = dataset.crs.to_wkt() if dataset.crs else None
+    with open_raster(path) as dataset:
+        wkt = dataset.crs.to_wkt() if dataset.crs else None
     if not wkt:
         return None
     crs = parse_crs(wkt, path)

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from treereg_core.errors import InputError
+from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import reading
+from treereg_core.io.untrusted import check_file_size
 from treereg_core.io.writing import complete_file
 from treereg_core.transform import FloatArray
 
@@ -36,6 +38,7 @@ def move_shapefile(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Flo
     """Write a shapefile, moved, into a folder under its own name. `InputError` if it cannot be read or has no CRS."""
     parts = shapefile_parts(path)
     with reading(path, "a shapefile"):
+        check_file_size(path)
         move = mover(_crs(path, parts))
         content = bytearray(path.read_bytes())
         _move(content, move, path)
@@ -50,12 +53,10 @@ def move_shapefile(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Flo
 
 
 def _crs(path: Path, parts: tuple[Path, ...]) -> CRS:
-    from pyproj import CRS
-
     file = next((part for part in parts if part.suffix.lower() == ".prj"), None)
     if file is None:
         raise InputError(f"{path} has no CRS, since there is no {path.stem}.prj; assign it.")
-    return CRS.from_wkt(file.read_text(encoding="utf-8"))
+    return parse_crs(file.read_text(encoding="utf-8"), path)
 
 
 def _move(content: bytearray, move: Callable[[FloatArray], FloatArray], path: Path) -> None:

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
+from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
+from treereg_core.io.untrusted import check_geopackage, check_parquet
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,10 +63,12 @@ def read_table(path: Path, columns: list[str] | None = None) -> Table:
         if start != b"SQLite format 3\0":
             raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
         with reading(path, "GeoPackage"), _quiet():
+            check_geopackage(path)
             return _geopackage(path, columns)
     if start[:4] != b"PAR1":
         raise InputError(f"{path} is not a Parquet file, or is damaged; export it again.")
     with reading(path, "GeoParquet"), _quiet():
+        check_parquet(path)
         return _geoparquet(path, columns)
 
 
@@ -106,7 +110,6 @@ def _quiet() -> Iterator[None]:
 def _geopackage(path: Path, columns: list[str] | None) -> Table:
     import pyogrio
     import shapely
-    from pyproj import CRS
 
     layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
     if len(layers) != 1:
@@ -117,7 +120,7 @@ def _geopackage(path: Path, columns: list[str] | None) -> Table:
     return Table(
         geometry=np.asarray(shapely.from_wkb(np.array(table.column(geometry).to_pylist(), dtype=object))),
         properties=table.drop_columns([geometry, fid]),
-        crs=CRS.from_user_input(meta["crs"]).to_2d() if meta["crs"] else None,
+        crs=parse_crs(meta["crs"], path) if meta["crs"] else None,
         ids=table.column(fid).to_pylist(),
     )
 
@@ -131,6 +134,8 @@ def _geoparquet(path: Path, columns: list[str] | None) -> Table:
         raise InputError(f"{path} is Parquet without geometry; export it as GeoParquet.")
     meta = json.loads(schema.metadata[b"geo"])
     primary = meta["primary_column"]
+    if meta["columns"][primary].get("crs"):
+        parse_crs(json.dumps(meta["columns"][primary]["crs"]), path)
     frame = geopandas.read_parquet(path, columns=[primary])
     wanted = [
         name

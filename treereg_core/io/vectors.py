@@ -20,6 +20,7 @@ from treereg_core.io.grid import Motion, moved
 from treereg_core.io.jsontext import json_line
 from treereg_core.io.shapefile import move_shapefile, shapefile_parts
 from treereg_core.io.shapes import move_shapes, shapes, to_wkb
+from treereg_core.io.untrusted import check_parquet
 from treereg_core.io.writing import complete_file, write_features
 from treereg_core.transform import FloatArray
 
@@ -95,6 +96,7 @@ def _move_geoparquet(path: Path, mover: Callable[[CRS], Move], folder: Path) -> 
     import pyarrow.parquet as pq
 
     with reading(path, "GeoParquet"):
+        check_parquet(path)
         table = pq.read_table(path)
         known = dict(table.schema.metadata or {})
         if b"geo" not in known:
@@ -116,13 +118,12 @@ def _move_geoparquet(path: Path, mover: Callable[[CRS], Move], folder: Path) -> 
 
 def _parquet_crs(column: dict[str, Any], path: Path) -> CRS:
     """The CRS of a geometry column: WGS 84 where none is given, and null where it is not known."""
-    from pyproj import CRS
-
     if "crs" not in column:
         return parse_crs(WGS84, path)
     if column["crs"] is None:
         raise InputError(f"{path} has no CRS; assign it.")
-    return CRS.from_user_input(column["crs"])
+    crs = column["crs"]
+    return parse_crs(crs if isinstance(crs, str) else json.dumps(crs), path)
 
 
 def _bound(column: dict[str, Any], geometry: NDArray[np.object_]) -> None:

@@ -17,7 +17,7 @@ from treereg_core.errors import InputError
 from treereg_core.io.files import first_line
 from treereg_core.io.grid import PixelMap
 from treereg_core.io.pieces import Piece, cut
-from treereg_core.io.raster import Raster, quiet_gdal
+from treereg_core.io.raster import Raster, open_raster, quiet_gdal
 from treereg_core.io.raster_tags import describe
 from treereg_core.io.resampling import Kernel, Mask, Pixels, Resampling
 
@@ -140,7 +140,7 @@ class Warp:
             "sparse_ok": True,
             "bigtiff": "IF_SAFER",
         }
-        with rasterio.open(raster.path) as source, rasterio.open(path, "w", **profile) as target:
+        with open_raster(raster.path) as source, rasterio.open(path, "w", **profile) as target:
             describe(source, target)
             mask = self.needs_mask
             if mask:
@@ -163,10 +163,8 @@ class _Readers:
         self._stack = ExitStack()
 
     def __enter__(self) -> _Readers:
-        import rasterio
-
         for _ in range(self._count):
-            self._free.put(self._stack.enter_context(rasterio.open(self._raster.path)))
+            self._free.put(self._stack.enter_context(open_raster(self._raster.path)))
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -43,7 +43,11 @@ def write_page(folder: Path) -> Path:
     data = io.read_json(path)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not data.keys() >= NEEDED:
         raise InputError(f"{path} is not the data of a report ({SCHEMA}); write it again with treereg run.")
-    io.write_text(folder / PAGE, page(data))
+    try:
+        text = page(data)
+    except ValueError as error:
+        raise InputError(f"{path} holds a number that is not finite; write it again with treereg run.") from error
+    io.write_text(folder / PAGE, text)
     return folder / PAGE
 
 

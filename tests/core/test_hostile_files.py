@@ -1,0 +1,233 @@
+"""Files made to do harm: they open no other file and no address, run nothing, and take no more than a machine has."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sqlite3
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from io_files import survey
+
+from benchmarks.fuzz_targets import FRAME, TARGETS, valid
+from treereg_core.errors import InputError
+from treereg_core.io import Motion, move_vector, read_image, read_raster, read_survey
+from treereg_core.io.crs import parse_crs
+from treereg_core.memory import load
+from treereg_core.transform import Rigid
+
+VRT = """<VRTDataset rasterXSize="40" rasterYSize="40"><SRS>EPSG:32734</SRS>
+<GeoTransform>342996, 0.5, 0, 6306015, 0, -0.5</GeoTransform>
+<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename relativeToVRT="0">{}</SourceFilename>
+<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"""
+READERS = (read_raster, lambda path: read_image(path, FRAME), lambda path: read_survey(path.parent))
+
+
+@contextmanager
+def server() -> Iterator[tuple[str, list[str]]]:
+    """The address of a server on this machine, and what it was asked for."""
+    asked: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            self.send_error(404)
+
+        do_HEAD = do_GET  # noqa: N815
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Handler) as http:
+        thread = threading.Thread(target=http.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{http.server_port}", asked
+        finally:
+            http.shutdown()
+            thread.join()
+
+
+def with_raster(folder: Path, content: bytes, name: str = "visible_10cm.tif") -> Path:
+    survey(folder)
+    (folder / name).write_bytes(content)
+    return folder / name
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_a_vrt_by_the_name_of_an_orthomosaic_opens_no_other_file(read: Any, tmp_path: Path) -> None:
+    (tmp_path / "secret.tif").write_bytes(valid("raster"))
+    path = with_raster(tmp_path / "s", VRT.format(tmp_path / "secret.tif").encode())
+    with pytest.raises(InputError, match=r"visible_10cm\.tif cannot be read as a raster"):
+        read(path)
+
+
+@pytest.mark.parametrize("read", READERS)
+@pytest.mark.parametrize("kind", ["vrt", "wms", "address"])
+def test_no_raster_reaches_the_network(read: Any, kind: str, tmp_path: Path) -> None:
+    with server() as (address, asked):
+        text = {
+            "vrt": VRT.format(f"/vsicurl/{address}/a.tif"),
+            "wms": f'<GDAL_WMS><Service name="TMS"><ServerUrl>{address}/${{z}}</ServerUrl></Service></GDAL_WMS>',
+            "address": f"/vsicurl/{address}/a.tif\n",
+        }[kind]
+        with pytest.raises(InputError):
+            read(with_raster(tmp_path / "s", text.encode()))
+    assert asked == []
+
+
+@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize("read", READERS)
+def test_overviews_elsewhere_are_not_opened(read: Any, inside: bool, tmp_path: Path) -> None:
+    import rasterio
+
+    path = with_raster(tmp_path / "s", valid("raster"))
+    with server() as (address, asked):
+        if inside:
+            with rasterio.open(path, "r+") as file:
+                file.update_tags(ns="OVERVIEWS", OVERVIEW_FILE=f"/vsicurl/{address}/a.tif")
+        else:
+            item = f'<MDI key="OVERVIEW_FILE">/vsicurl/{address}/a.tif</MDI>'
+            text = f'<PAMDataset><Metadata domain="OVERVIEWS">{item}</Metadata></PAMDataset>'
+            (path.parent / f"{path.name}.aux.xml").write_text(text)
+        with pytest.raises(InputError, match="overviews"):
+            read(path)
+    assert asked == []
+
+
+@pytest.mark.parametrize("suffix", [".ovr", ".msk"])
+def test_overviews_and_masks_beside_are_no_vrt(suffix: str, tmp_path: Path) -> None:
+    path = with_raster(tmp_path / "s", valid("raster"))
+    (path.parent / f"{path.name}{suffix}").write_text(VRT.format("/etc/hostname"))
+    with pytest.raises(InputError, match="is no TIFF"):
+        read_raster(path)
+
+
+def test_a_raster_of_impossible_size_is_refused_before_heights_are_read(tmp_path: Path) -> None:
+    import rasterio
+
+    path = with_raster(tmp_path / "s", b"", "dem_10cm.tif")
+    profile = {"driver": "GTiff", "count": 1, "dtype": "float64", "crs": FRAME.crs, "sparse_ok": True}
+    where = rasterio.Affine(1e-4, 0, FRAME.origin[0], 0, -1e-4, FRAME.origin[1])
+    size = {"width": 500_000, "height": 500_000, "tiled": True, "bigtiff": "yes"}
+    with rasterio.open(path, "w", transform=where, **profile, **size):
+        pass
+    with pytest.raises(InputError, match="too many to be true"):
+        read_survey(path.parent)
+
+
+def geopackage(path: Path, *statements: str) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(valid("geopackage"))
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA writable_schema = ON")
+        for statement in statements:
+            database.execute(statement)
+        database.commit()
+    return path
+
+
+def entry(kind: str, name: str, sql: str) -> str:
+    return f"INSERT INTO sqlite_master VALUES ('{kind}', '{name}', '{name}', 0, '{sql}')"
+
+
+@pytest.mark.parametrize(
+    ("statement", "words"),
+    [
+        (entry("table", "out", 'CREATE VIRTUAL TABLE out USING VirtualOGR("/etc/passwd")'), "virtual table"),
+        (entry("table", "out", "CREATE VIRTUAL TABLE out USING csv(filename=/etc/passwd)"), "virtual table"),
+        (
+            "CREATE VIEW v AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n",
+            "computes",
+        ),
+    ],
+)
+def test_a_geopackage_that_computes_its_content(statement: str, words: str, tmp_path: Path) -> None:
+    path = geopackage(tmp_path / "s" / "raw-detections.gpkg", statement)
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match=words):
+        read_survey(path.parent)
+    with pytest.raises(InputError, match=words):
+        move_vector(path, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
+
+
+def test_a_geopackage_attaches_nothing(tmp_path: Path) -> None:
+    """SQLite takes no ATTACH in what a file stores; one that is there all the same makes it damaged."""
+    text = f'CREATE TRIGGER t AFTER UPDATE ON trees BEGIN ATTACH "{tmp_path / "made"}" AS other; END'
+    path = geopackage(tmp_path / "s" / "raw-detections.gpkg", entry("trigger", "t", text))
+    with pytest.raises(InputError, match=r"raw-detections\.gpkg"):
+        read_survey(path.parent)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_table_that_would_become_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from treereg_core.io import untrusted
+
+    folder = tmp_path / "s"
+    folder.mkdir()
+    TARGETS["geoparquet"].write(folder, valid("geoparquet"))
+    assert len(read_survey(folder).features) == 12
+    for name, limit in (("MOST_ROWS", 11), ("LARGEST_TABLE", 1_000)):
+        with monkeypatch.context() as patch:
+            patch.setattr(untrusted, name, limit)
+            with pytest.raises(InputError, match="12 rows"):
+                read_survey(folder)
+
+
+@pytest.mark.parametrize("name", ["raw-detections.geojson", "raw-detections.gpkg", "raw-detections.parquet"])
+def test_a_file_of_impossible_size_is_refused_unread(name: str, tmp_path: Path) -> None:
+    starts = {".geojson": b"{", ".gpkg": b"SQLite format 3\0", ".parquet": b"PAR1"}
+    folder = tmp_path / "s"
+    folder.mkdir()
+    with (folder / name).open("wb") as file:
+        file.write(starts[Path(name).suffix])
+        file.truncate(5 * 2**30)
+    with pytest.raises(InputError, match="too much to be true"):
+        read_survey(folder)
+
+
+@pytest.mark.parametrize(
+    "crs",
+    [
+        "+proj=longlat +ellps=bessel +nadgrids=/etc/hostname +type=crs",
+        "+proj=longlat +ellps=bessel +geoidgrids=/vsicurl/http://127.0.0.1/a.gtx +type=crs",
+        "+init=/etc/hostname:1",
+    ],
+)
+def test_a_crs_names_no_file(crs: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="names another file"):
+        parse_crs(crs, tmp_path / "a.geojson")
+    assert parse_crs("EPSG:3857", tmp_path / "a.geojson").is_projected
+
+
+class Harmful:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self.path,)
+
+
+def test_a_memory_runs_nothing(tmp_path: Path) -> None:
+    folder, made = tmp_path / "memory", tmp_path / "made"
+    folder.mkdir()
+    harm = pickle.dumps(Harmful(made))
+    for name in ("memory.pkl", "bn_rows.pickle", "state.joblib", "__init__.py", "conftest.py"):
+        (folder / name).write_bytes(harm)
+    (folder / "memory.json").write_bytes(valid("memory"))
+    assert load(folder) is not None
+    (folder / "memory.json").write_bytes(harm)
+    with pytest.raises(InputError, match="cannot be used as a memory"):
+        load(folder)
+    document = json.loads(valid("memory"))
+    document["methods"]["bn_rows"]["by"] = "__import__('os').system('touch made') 0.1.0"
+    (folder / "memory.json").write_text(json.dumps(document))
+    assert load(folder) is not None
+    assert not made.exists()

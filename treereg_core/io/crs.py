@@ -97,10 +97,20 @@ def zone_crs(lonlat: FloatArray) -> str:
 
 @lru_cache(maxsize=32)
 def converter(source: str, target: str) -> Callable[[FloatArray], FloatArray]:
-    """A function that takes coordinates (n, 2) in one CRS to another; those out of reach become infinite."""
-    from pyproj import Transformer
+    """A function that takes coordinates (n, 2) in one CRS to another; those out of reach become infinite.
 
-    transformer = Transformer.from_crs(source, target, always_xy=True)
+    `InputError` where there is no way from one to the other, as with a local CRS.
+    """
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        transformer = Transformer.from_crs(source, target, always_xy=True)
+    except ProjError as error:
+        raise InputError(
+            f"there is no way from the CRS {source!a:.60} to {target!a:.60}; name a known one in the file, such as "
+            "EPSG:32734."
+        ) from error
 
     def convert(xy: FloatArray) -> FloatArray:
         if len(xy) == 0:

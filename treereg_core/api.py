@@ -139,10 +139,12 @@ def execute(
         begins = starts(plan, pair, surveys[0], context)
     progress(f"match: {options.method}, starts: {len(begins)}")
     with memory_named(options.memory):
-        candidates = plan.pipeline.candidates(begins, context, clock)
+        candidates, why = plan.pipeline.candidates(begins, context, clock)
     progress("judge")
     with clock("judge"):
         judgement = plan.judge.judge(pair, [c.registration for c in candidates], context, options.max_failure)
+    if why and not candidates:
+        judgement = replace(judgement, reason=f"{judgement.reason.rstrip('.')}: {why.rstrip('.')}.")
     result = Result(plan, surveys[0], surveys[1], judgement, dict(clock.seconds))
     if judgement.transform is None:
         return result

@@ -87,18 +87,22 @@ class Pipeline(PointMatcher):
 
     def registrations(self, starts: Sequence[Pair], context: Context, clock: Clock | None = None) -> list[Registration]:
         """The results from all starts, in their order; a start from which a stage finds nothing gives none."""
-        return [candidate.registration for candidate in self.candidates(starts, context, clock)]
+        return [candidate.registration for candidate in self.candidates(starts, context, clock)[0]]
 
-    def candidates(self, starts: Sequence[Pair], context: Context, clock: Clock | None = None) -> list[Candidate]:
-        """The same results with the rows that each went through."""
+    def candidates(
+        self, starts: Sequence[Pair], context: Context, clock: Clock | None = None
+    ) -> tuple[list[Candidate], str]:
+        """The same results with the rows that each went through, and why the last start without one had none."""
         run = Run(self.stages, context, clock or Clock())
         found: list[Candidate] = []
+        why = ""
         for start in starts:
             try:
                 found += run.results(start)
             except NoRegistration as reason:
-                context.progress(f"one start gave nothing: {reason}")
-        return found
+                why = str(reason)
+                context.progress(f"one start gave nothing: {why}")
+        return found, why
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import pickle
+import re
 
 import numpy as np
 import pytest
 
 from tests.core.methods import Columns, Nearest, SameRows, Sure, orchard
+from treereg_core import register
 from treereg_core.errors import NoRegistration
 from treereg_core.features import FeatureSet
+from treereg_core.judgement import Verdict
 from treereg_core.method import Context
 from treereg_core.pair import Pair
 from treereg_core.pipeline import Clock, Pipeline
@@ -93,3 +96,10 @@ def test_the_model_is_the_contexts() -> None:
     stretched = FeatureSet.of(reference.xy / 1.01)
     found = Pipeline.of([Columns()]).register(Pair(reference, stretched), Context(model=Model.SIMILARITY))
     assert found.transform.scale == pytest.approx(1.01)
+
+
+def test_the_verdict_says_why_no_stage_found_anything() -> None:
+    xy = np.random.default_rng(0).uniform(0, 60, (25, 2))
+    said = register(xy, xy + np.array([1.0, 0.5]), method="aco").judgement
+    assert said.verdict is Verdict.FAILED
+    assert re.fullmatch(r"No placement was found [\w ]+: the 25 trees stand in no rows [\w ]+\.", said.reason)

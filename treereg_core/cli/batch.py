@@ -28,10 +28,8 @@ from treereg_core.batch import (
 )
 from treereg_core.batch.attention import first_to_look_at
 from treereg_core.batch.files import counted
-from treereg_core.cli.completion import starts
 from treereg_core.cli.config import Config, given
 from treereg_core.cli.console import Quiet, Verbose, console
-from treereg_core.cli.help import MATCHING
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
@@ -47,6 +45,7 @@ from treereg_core.cli.options import (
     ResamplingName,
     Seed,
     Set,
+    StartName,
     WorldFile,
     raster_options,
 )
@@ -81,15 +80,7 @@ def batch(
     memory_limit: Annotated[
         float | None, typer.Option(min=0.5, metavar="GB", help="What one orchard may allocate; default: any.")
     ] = None,
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|identity",
-            autocompletion=starts,
-            rich_help_panel=MATCHING,
-            help="A coarse aligner, or the files' own georeference.",
-        ),
-    ] = DEFAULTS["start"],
+    start: StartName = DEFAULTS["start"],
     georeference_sd: GeoreferenceSd = None,
     model: ModelName = "rigid",
     max_failure: MaxFailure = 0.001,

@@ -30,6 +30,15 @@ Method = Annotated[
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the files of an earlier run, and no others.")]
+StartName = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME|identity",
+        autocompletion=completion.starts,
+        rich_help_panel=MATCHING,
+        help="A coarse aligner, or the files' own georeference.",
+    ),
+]
 GeoreferenceSd = Annotated[
     float | None,
     typer.Option(

@@ -11,10 +11,8 @@ import typer
 
 from treereg_core import io
 from treereg_core.cli.columns import GAP, hanging, in_columns
-from treereg_core.cli.completion import starts
 from treereg_core.cli.config import Config, given
 from treereg_core.cli.console import Quiet, Verbose, console, width
-from treereg_core.cli.help import MATCHING
 from treereg_core.cli.options import (
     DEFAULTS,
     ConfidenceProperty,
@@ -27,6 +25,7 @@ from treereg_core.cli.options import (
     Rasters,
     Seed,
     Set,
+    StartName,
     Threads,
     raster_options,
 )
@@ -57,15 +56,7 @@ def series(
     method: Method = DEFAULTS["series"],
     out: Out = DEFAULT_OUT,
     overwrite: Overwrite = False,
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME|identity",
-            autocompletion=starts,
-            rich_help_panel=MATCHING,
-            help="A coarse aligner, or the files' own georeference.",
-        ),
-    ] = DEFAULTS["start"],
+    start: StartName = DEFAULTS["start"],
     georeference_sd: GeoreferenceSd = None,
     model: ModelName = "rigid",
     max_failure: MaxFailure = 0.001,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
+from treereg_core.features import WORTH_THREADS, BoolArray, FeatureSet, IntArray, concurrently, nearest
 from treereg_core.heights import HEIGHT
 from treereg_core.side import CLASSES, Side
 from treereg_core.transform import Affine, FloatArray, Model
@@ -115,15 +115,16 @@ class Evidence:
     def __init__(self, reference: FeatureSet, source: FeatureSet, threads: int = 1) -> None:
         self.spacing = max(reference.spacing, 1e-6)
         self.gate = 0.45 * self.spacing
-        self.threads = threads
         # Heights are read off a raster where a survey says that its trees are. If both use one raster, detections on
         # the same spot have the same height, and the files' own georeference looks right whatever it is.
         shared = set(reference.attributes) & set(source.attributes) - {HEIGHT}
         self.names = ("area", "confidence", *sorted(shared))
         reach = 2.5 * self.spacing
         self._spread = second_moments(source.xy)
-        self.reference = Side.of(reference, reach, self.names, threads)
-        self.source = Side.of(source, reach, self.names, threads)
+        self.threads = threads if max(len(reference), len(source)) > WORTH_THREADS else 1
+        self.reference, self.source = concurrently(
+            lambda features: Side.of(features, reach, self.names), (reference, source), self.threads
+        )
 
     def apart(self, a: Affine, b: Affine) -> float:
         """How far two placements put the source's trees from each other, metres, RMS."""
@@ -134,9 +135,16 @@ class Evidence:
 
     def match(self, transform: Affine) -> Match:
         """The one-to-one pairs under a placement: each reference tree takes the nearest source tree that claims it."""
+        return self._match(transform, self.threads)
+
+    def matches(self, transforms: Sequence[Affine]) -> list[Match]:
+        """The same for several placements, side by side."""
+        return concurrently(lambda transform: self._match(transform, 1), transforms, self.threads)
+
+    def _match(self, transform: Affine, threads: int) -> Match:
         reference, source = self.reference.features, self.source.features
         moved = transform(source.xy)
-        distance, target = nearest(reference.tree, moved, self.gate, threads=self.threads, order=source.tree.indices)
+        distance, target = nearest(reference.tree, moved, self.gate, threads=threads, order=source.tree.indices)
         claims = np.flatnonzero(target < len(reference))
         claims = claims[np.argsort(-distance[claims], kind="stable")]
         owner = np.full(len(reference), -1)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,9 @@ from treereg_core.transform import FloatArray
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 # Points from which threads gain more than they cost.
 WORTH_THREADS = 20_000
@@ -29,6 +32,14 @@ def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
         array = array.copy()
         array.setflags(write=False)
     return array
+
+
+def concurrently(call: Callable[[T], R], items: Iterable[T], threads: int) -> list[R]:
+    """`call` of each item, in order, in so many threads: for large arrays, during which NumPy lets others work."""
+    if threads == 1:
+        return [call(item) for item in items]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(call, items))
 
 
 def nearest(
@@ -58,8 +69,7 @@ def nearest(
     if threads == 1 or len(points) <= WORTH_THREADS:
         return query(points)
     # scipy's own threads (`workers`) go on writing into freed memory when a user interrupts; a pool waits for its own
-    with ThreadPoolExecutor(threads) as pool:
-        distances, indices = zip(*pool.map(query, np.array_split(points, threads)), strict=True)
+    distances, indices = zip(*concurrently(query, np.array_split(points, threads), threads), strict=True)
     return np.concatenate(distances), np.concatenate(indices)
 
 
@@ -173,5 +183,5 @@ class FeatureSet:
         """Median distance to the nearest other tree, metres; 0 when no two trees stand apart."""
         if len(self) < 2:
             return 0.0
-        distance, _ = self.tree.query(self.xy, k=[2])
-        return float(np.median(distance))
+        distance, _ = nearest(self.tree, self.xy[self.tree.indices], np.inf, 2)
+        return float(np.median(distance[:, 1]))

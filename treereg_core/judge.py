@@ -13,6 +13,7 @@ from treereg_core.calibration import failure_probability
 from treereg_core.comparison import Comparison, compare, standing
 from treereg_core.evidence import Evidence, Match, mean_statistics
 from treereg_core.expected_error import expected_error, fit_covariance
+from treereg_core.features import concurrently
 from treereg_core.judgement import ExpectedError, Judgement, Matches, Rival, Verdict
 from treereg_core.method import Context, Registration
 from treereg_core.pair import Pair
@@ -112,7 +113,7 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
     for candidate in candidates:
         if all(evidence.apart(candidate.transform, d.transform) > evidence.gate / 2 for d in distinct):
             distinct.append(candidate)
-    matches = [evidence.match(evidence.refine(d.transform, context.model, rounds=1)) for d in distinct]
+    matches = evidence.matches([evidence.refine(d.transform, context.model, rounds=1) for d in distinct])
     best = 0
     rivals = find_rivals(evidence, matches[0].transform, tuple(m.transform for m in matches[1:]), context)
     if len(matches) > 1 and rivals.decoys:
@@ -132,10 +133,12 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
     decoy = mean_statistics([evidence.statistics(m) for m in rivals.decoys])
     right = evidence.statistics(match).better_than(decoy)
     prior = log_prior(match.transform, pair.source, context.georeference_sd)
-    opponents = []
-    for rival in rivals.dangerous:
-        against = prior - log_prior(rival.transform, pair.source, context.georeference_sd)
-        opponents.append((rival.transform, compare(evidence, match, rival, right, decoy).plus(against)))
+
+    def against(rival: Match) -> tuple[Affine, Comparison]:
+        known = prior - log_prior(rival.transform, pair.source, context.georeference_sd)
+        return rival.transform, compare(evidence, match, rival, right, decoy).plus(known)
+
+    opponents = concurrently(against, rivals.dangerous, evidence.threads)
     opponents.sort(key=lambda o: o[1].log_odds)
     alone = standing(evidence, match, right, decoy)
     if match.rate >= PERIODIC:

@@ -65,10 +65,10 @@ def find_rivals(evidence: Evidence, transform: Affine, others: tuple[Affine, ...
         source, sd = evidence.source.features, context.georeference_sd
         prior = np.array([log_prior(one, source, sd) for one in place])
         distinct = list(dict.fromkeys(_distinct(evidence, transform, place, everything.score + prior) + distinct))
-    dangerous = [evidence.match(place[k]) for k in distinct]
-    decoys = [evidence.match(place[k]) for k in range(min(len(near), DECOYS))]
-    decoys = [m for m in decoys if evidence.apart(m.transform, transform) > evidence.gate]
-    return Rivals(tuple(dangerous), tuple(decoys))
+    decoys = [k for k in range(min(len(near), DECOYS)) if evidence.apart(place[k], transform) > evidence.gate]
+    wanted = list(dict.fromkeys(distinct + decoys))
+    match = dict(zip(wanted, evidence.matches([place[k] for k in wanted]), strict=True))
+    return Rivals(tuple(match[k] for k in distinct), tuple(match[k] for k in decoys))
 
 
 def _turns(evidence: Evidence, transform: Affine, context: Context) -> list[float]:

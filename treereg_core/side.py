@@ -18,9 +18,9 @@ NEIGHBOURS = 24
 CLASSES = 3
 
 
-def neighbourhoods(xy: FloatArray, tree: cKDTree, threads: int = 1) -> IntArray:
+def neighbourhoods(xy: FloatArray, tree: cKDTree) -> IntArray:
     """The trees around each tree at `xy` (n, 2), itself among them, (n, k); `tree` holds the same trees."""
-    _, near = nearest(tree, xy, np.inf, min(NEIGHBOURS + 1, max(len(xy) // 3, 2)), threads, tree.indices)
+    _, near = nearest(tree, xy, np.inf, min(NEIGHBOURS + 1, max(len(xy) // 3, 2)), order=tree.indices)
     return near
 
 
@@ -52,23 +52,23 @@ class Side:
     scores: dict[str, FloatArray]
 
     @classmethod
-    def of(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
+    def of(cls, features: FeatureSet, reach: float, names: tuple[str, ...]) -> Side:
         """Prepare a survey: its footprint, closed over `reach` metres, and the scores of the attributes `names`.
 
         The same survey is prepared once, however many searches and judgements look at it.
         """
         key = (cls, reach, names)
         if key not in features.derived:
-            features.derived[key] = cls._prepared(features, reach, names, threads)
+            features.derived[key] = cls._prepared(features, reach, names)
         side: Side = features.derived[key]
         return side
 
     @classmethod
-    def _prepared(cls, features: FeatureSet, reach: float, names: tuple[str, ...], threads: int) -> Side:
+    def _prepared(cls, features: FeatureSet, reach: float, names: tuple[str, ...]) -> Side:
         # A crown is known to one per cent at best; what is finer in a file is its rounding.
         area = np.round(np.log(features.area / np.median(features.area)), 2).astype(np.float64)
         values = {"area": area, "confidence": features.confidence, **features.attributes}
-        near = neighbourhoods(features.xy, features.tree, threads)
+        near = neighbourhoods(features.xy, features.tree)
         scores = {name: local_scores(values[name], near) for name in names}
         edges = np.quantile(features.confidence, np.arange(1, CLASSES) / CLASSES)
         return cls(features, Footprint.of(features.xy, reach), np.searchsorted(edges, features.confidence), scores)

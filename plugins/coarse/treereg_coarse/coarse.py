@@ -20,6 +20,8 @@ from treereg_core.transform import Affine, Rigid
 # The search ends early when the best peak scores this much, and the next less than this share of it.
 CLEAR = 60.0
 CLOSE = 0.25
+# The finer maps of more trees take more memory than most machines have, and so many trees seldom need them.
+MANY = 300_000
 # Peaks taken from each map by score, and as many by the number of trees that meet.
 PER_MAP = 40
 # Where no peak stands clear, so many placements are screened on a few trees.
@@ -78,7 +80,8 @@ class Coarse(CoarseAligner):
         )
         found: list[_Candidate] = []
         # The last look is the first again on a finer grid.
-        for angle, grid in [*((a, ROUGH) for a in angles), *((a, FINE) for a in angles[:1])]:
+        finer = angles[:1] if max(len(pair.reference), len(pair.source)) <= MANY else ()
+        for angle, grid in [*((a, ROUGH) for a in angles), *((a, FINE) for a in finer)]:
             for peaks in Correlator(evidence, grid).at(Rigid.turn(float(angle))):
                 for k in peaks.foremost(PER_MAP):
                     transform = peaks.transform(k)

@@ -37,8 +37,8 @@ def parse_assignments(texts: Iterable[str]) -> dict[str, dict[str, object]]:
 def parse_value(text: str) -> object:
     """A TOML value, or the text itself where it is none."""
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+        parsed = _toml(f"value = {text}")
+    except ValueError:
         return text
     return parsed["value"] if parsed.keys() == {"value"} else text
 
@@ -46,14 +46,29 @@ def parse_value(text: str) -> object:
 def read_config(path: Path) -> tuple[dict[str, object], dict[str, dict[str, object]]]:
     """A configuration file: long options at the top, and a table for each stage. `InputError` when it is not TOML."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = _toml(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give --config a TOML file") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         quotes = ", a path with backslashes goes in 'single quotes'" if b"\\" in path.read_bytes() else ""
         raise InputError(f"{path}: not TOML ({error}); mend the file{quotes}") from None
     options = {key: value for key, value in content.items() if not isinstance(value, dict)}
     return options, {key: value for key, value in content.items() if isinstance(value, dict)}
+
+
+def _toml(text: str) -> dict[str, Any]:
+    """What the text says. `ValueError` where it is not TOML, whose whole numbers have 64 bits; Python's have any."""
+    content = tomllib.loads(text)
+    _check_whole_numbers(content)
+    return content
+
+
+def _check_whole_numbers(value: object) -> None:
+    if isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            _check_whole_numbers(part)
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError("a whole number of more than 64 bits")
 
 
 def merge(*layers: Settings) -> dict[str, dict[str, object]]:

@@ -91,7 +91,10 @@ def test_a_config_file(tmp_path: Path) -> None:
     assert read_config(path) == ({"method": "nearest", "seed": 3}, {"nearest": {"reach": 2.0}})
 
 
-@pytest.mark.parametrize("content", [b"method = ", b"\xff\xfe", b"a = " + b"[" * 5000])
+@pytest.mark.parametrize(
+    "content",
+    [b"method = ", b"\xff\xfe", b"a = " + b"[" * 5000, b"a = " + b"9" * 5000, b"a = [{b = 0x" + b"f" * 5000 + b"}]"],
+)
 def test_a_config_file_that_is_not_toml(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bad.toml"
     path.write_bytes(content)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from treereg_core.evidence import Evidence
-from treereg_core.features import IntArray, concurrently
+from treereg_core.features import IntArray, concurrently, largest
 from treereg_core.side import Side
 from treereg_core.transform import Affine, FloatArray
 
@@ -61,7 +61,7 @@ class Peaks:
 
     def foremost(self, count: int) -> IntArray:
         """Positions of the best by score, and of as many at which most trees meet."""
-        return np.unique(np.concatenate([np.arange(min(count, len(self))), np.argsort(-self.met)[:count]]))
+        return np.unique(np.concatenate([np.arange(min(count, len(self))), largest(self.met, count)]))
 
     def transform(self, k: int) -> Affine:
         """The k-th placement."""
@@ -98,7 +98,6 @@ class Correlator:
         size = np.ptp(fixed_points, axis=0) + np.ptp(moved_points, axis=0) + 4 * self.cell
         shape = self._shape(size, self.cell)
         workers = self.threads if shape[0] * shape[1] > WORTH_THREADS else 1
-        blur = _gaussian(shape, self.kernel / self.cell)
 
         def spectra(side: Side, weights: FloatArray, points: FloatArray) -> list[Spectrum]:
             brush = _Brush(points / self.cell, shape)
@@ -106,9 +105,9 @@ class Correlator:
             return [np.asarray(fft.rfft2(brush.draw(v), workers=workers, overwrite_x=True)) for v in values]
 
         fixed = spectra(reference, self.weights[0], fixed_points - fixed_low)
-        for spectrum in fixed:
-            spectrum *= blur
-        del blur
+        for factor in _gaussian(shape, self.kernel / self.cell):
+            for spectrum in fixed:
+                spectrum *= factor
         moving = spectra(source, self.weights[1], moved_points - moved_low)
 
         coarse_cell = COARSE_CELL * self.spacing
@@ -117,7 +116,7 @@ class Correlator:
         moving_everywhere, moving_trees = self._coverage(1, onto, moved_low, coarse_cell, coarse_shape)
 
         def correlate(a: Spectrum, b: Spectrum, s: tuple[int, int], sign: int) -> Map:
-            product = np.conj(b) if sign > 0 else b.copy()
+            product = np.conj(b) if sign > 0 else b  # which nobody wants again
             product *= a
             return np.asarray(fft.irfft2(product, s=s, workers=workers, overwrite_x=True))
 
@@ -179,7 +178,7 @@ class _Maxima:
     def ranked(self, crowns: Map) -> tuple[IntArray, FloatArray]:
         """Their order, best first, and the scores in that order; `crowns` (k,) tells how crowns agree there."""
         # The peaks that most trees meet at are what a wrong placement on the lattice looks like.
-        decoys = np.argsort(-self.met)[: max(60, len(self.met) // 20)]
+        decoys = largest(self.met, max(60, len(self.met) // 20))
         share = self.met / self.shared
         z_met = (share - np.median(share[decoys]) if len(decoys) else share) * np.sqrt(self.shared)
         z_crowns = crowns.astype(np.float64) / np.sqrt(np.maximum(self.met, 1))
@@ -208,11 +207,12 @@ class _Brush:
         return grid.reshape(self.shape)
 
 
-def _gaussian(shape: tuple[int, int], sigma: float) -> Map:
-    """The transform of a Gaussian of height 1 and `sigma` cells, for `rfft2`."""
+def _gaussian(shape: tuple[int, int], sigma: float) -> tuple[Map, Map]:
+    """The transform of a Gaussian of height 1 and `sigma` cells, for `rfft2`: a factor for each axis."""
     x, y = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None]
-    falling = [np.exp(-2 * (np.pi * sigma * f) ** 2) for f in (x, y)]
-    return np.asarray(2 * np.pi * sigma**2 * falling[0] * falling[1], dtype=np.float32)
+    high = np.sqrt(2 * np.pi) * sigma
+    x, y = (high * np.exp(-2 * (np.pi * sigma * f) ** 2) for f in (x, y))
+    return x.astype(np.float32), y.astype(np.float32)
 
 
 def _parabola(values: Map, i: IntArray, j: IntArray, axis: int) -> FloatArray:

@@ -146,9 +146,13 @@ class Evidence:
         moved = transform(source.xy)
         distance, target = nearest(reference.tree, moved, self.gate, threads=threads, order=source.tree.indices)
         claims = np.flatnonzero(target < len(reference))
-        claims = claims[np.argsort(-distance[claims], kind="stable")]
         owner = np.full(len(reference), -1)
         owner[target[claims]] = claims
+        contested = np.zeros(len(reference), dtype=bool)
+        contested[target[claims[owner[target[claims]] != claims]]] = True
+        rivals = claims[contested[target[claims]]]
+        rivals = rivals[np.argsort(-distance[rivals], kind="stable")]
+        owner[target[rivals]] = rivals  # the nearest comes last
         mine = np.flatnonzero(owner >= 0)
         return Match(
             transform,

@@ -42,6 +42,14 @@ def concurrently(call: Callable[[T], R], items: Iterable[T], threads: int) -> li
         return list(pool.map(call, items))
 
 
+def largest(values: FloatArray, count: int) -> IntArray:
+    """Positions of the `count` largest of `values` (n,), largest first and of equal ones the first first."""
+    if count >= len(values):
+        return np.argsort(-values, kind="stable")
+    among = np.flatnonzero(values >= np.partition(values, -count)[-count]) if count else np.arange(0)
+    return among[np.argsort(-values[among], kind="stable")][:count]
+
+
 def nearest(
     tree: cKDTree,
     points: FloatArray,

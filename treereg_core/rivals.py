@@ -8,6 +8,7 @@ import numpy as np
 
 from treereg_core.correlation import Correlator, Peaks
 from treereg_core.evidence import Evidence, Match
+from treereg_core.features import largest
 from treereg_core.method import Context
 from treereg_core.prior import log_prior, log_priors
 from treereg_core.rotation import rotations
@@ -86,7 +87,7 @@ def _nearest(peaks: Peaks, transform: Affine, evidence: Evidence) -> list[Affine
     """The neighbouring positions at which most trees meet, most first."""
     away = np.hypot(*(peaks.shift - transform.shift).T)
     near = np.flatnonzero((away > evidence.gate) & (away < NEAR * evidence.spacing))
-    return [peaks.transform(int(k)) for k in near[np.argsort(-peaks.met[near], kind="stable")][:NEIGHBOURS]]
+    return [peaks.transform(int(k)) for k in near[largest(peaks.met[near], NEIGHBOURS)]]
 
 
 def _probable(peaks: Peaks, evidence: Evidence, context: Context) -> list[Affine]:
@@ -94,9 +95,9 @@ def _probable(peaks: Peaks, evidence: Evidence, context: Context) -> list[Affine
     if context.georeference_sd is None:
         return []
     prior = log_priors(peaks.template, peaks.shift, evidence.source.features, context.georeference_sd)
-    likely = np.argsort(-(peaks.score / 2 + prior), kind="stable")[:FOREMOST]
+    likely = largest(peaks.score / 2 + prior, FOREMOST)
     meeting = np.flatnonzero(peaks.met > MEETING * peaks.met.max(initial=0.0))
-    at_home = meeting[np.argsort(-prior[meeting], kind="stable")[:FOREMOST]]
+    at_home = meeting[largest(prior[meeting], FOREMOST)]
     return [peaks.transform(int(k)) for k in np.union1d(likely, at_home)]
 
 

@@ -34,12 +34,10 @@ def local_scores(values: FloatArray, near: IntArray) -> FloatArray:
     if n < 3 or np.ptp(values) < 1e-9 * max(1.0, float(np.abs(values).max())):
         return np.zeros(n)
     local = values - np.median(values[near], axis=1)
-    order = np.argsort(local, kind="stable")
-    rank = np.empty(n)
-    rank[order] = np.arange(n)
+    # ranks, equal values at the middle of theirs
     _, inverse, counts = np.unique(local, return_inverse=True, return_counts=True)
-    rank = (np.bincount(inverse, weights=rank) / counts)[inverse]
-    return np.clip(ndtri((rank + 0.5) / n), -2.5, 2.5)
+    middle = np.cumsum(counts) - (counts + 1) / 2
+    return np.clip(ndtri((middle + 0.5) / n), -2.5, 2.5)[inverse]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from treereg_core.features import FeatureSet, frozen_array, nearest
+from treereg_core.features import FeatureSet, frozen_array, largest, nearest
 from treereg_core.testing import strategies as some
 from treereg_core.testing.using import plain
 
@@ -25,6 +25,12 @@ def test_plain_arrays_get_defaults() -> None:
     assert features.ids.tolist() == [0, 1]
     assert features.confidence.tolist() == features.area.tolist() == features.weight.tolist() == [1, 1]
     assert len(FeatureSet.of([])) == 0
+
+
+@given(st.lists(st.integers(0, 9), max_size=30), st.integers(0, 40))
+def test_the_largest_come_first_and_equal_ones_in_their_order(values: list[int], count: int) -> None:
+    in_order = sorted(range(len(values)), key=lambda k: (-values[k], k))
+    assert largest(np.array(values, dtype=np.float64), count).tolist() == in_order[:count]
 
 
 @given(some.feature_sets())

@@ -212,6 +212,14 @@ def test_a_raster_elsewhere_is_a_warning(tmp_path):
     assert "shows no tree" in read_survey(folder).warnings[0]
 
 
+def test_a_raster_of_slivers_is_a_warning(folder):
+    write_dem(folder)
+    with rasterio.open(folder / "dem_10cm.tif", "r+") as dataset:
+        at = dataset.transform
+        dataset.transform = rasterio.Affine(at.a, 0, at.c, 0, at.e * 1e-9, at.f)
+    assert "shows no tree" in read_survey(folder).warnings[0]
+
+
 def test_trees_without_a_height_get_that_of_their_neighbours():
     xy = np.array([(float(i), float(j)) for j in range(10) for i in range(10)])
     height = 2 + 0.1 * xy[:, 0]

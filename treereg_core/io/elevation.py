@@ -22,6 +22,8 @@ CELL_M = 0.8
 """Width of the cells in each of which low elevations are the ground."""
 TILE = 64
 """Cells along a side of what is read at once."""
+OBLONG = 10.0
+"""A raster of which a pixel is so many times longer than wide, or longer, shows no trees."""
 LARGEST_M = 30.0
 """What is wider or higher on the map is no tree."""
 HIGHEST_M = 20_000.0
@@ -56,14 +58,14 @@ class Canopies:
     def of(cls, polygons: NDArray[np.object_], pixels: Callable[[FloatArray], FloatArray]) -> Canopies | None:
         """Those of polygons (n,) in the working frame, which `pixels` takes to columns and rows of the raster.
 
-        None when the raster's CRS does not reach them.
+        None when the raster's CRS does not reach them or its pixels are far from square.
         """
         import shapely
 
         centre = shapely.get_coordinates(shapely.centroid(polygons)).mean(axis=0)
         here, east, north = pixels(centre + np.array([[0, 0], [1, 0], [0, 1]]))
         linear = np.column_stack([east - here, north - here])
-        if not np.isfinite(linear).all() or not np.linalg.det(linear):
+        if not np.isfinite(linear).all() or np.linalg.cond(linear) >= OBLONG:
             return None
         metres = np.linalg.inv(linear)[:, ::-1]
         step = max(int(SAMPLE_M / math.sqrt(abs(np.linalg.det(metres))) + 1e-6), 1)

@@ -17,6 +17,7 @@ from treereg_core.errors import InputError
 from treereg_core.io.crs import WGS84, converter, crs_name, parse_crs
 from treereg_core.io.files import reading
 from treereg_core.io.grid import Grid, affine_of
+from treereg_core.io.untrusted import check_beside
 from treereg_core.transform import Affine, FloatArray
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ def open_raster(path: Path) -> Iterator[Any]:
 
 def _check_beside(path: Path) -> None:
     """Refuse overviews and masks beside a raster that are of another format: they would be opened with it."""
+    check_beside(path)
     for side in path.parent.glob(f"{escape(path.name)}.*"):
         if side.suffix.lower() in (".ovr", ".msk") and side.is_file():
             with side.open("rb") as file:

@@ -104,6 +104,17 @@ def test_overviews_elsewhere_are_not_opened(read: Any, inside: bool, tmp_path: P
     assert asked == []
 
 
+@pytest.mark.parametrize("word", ["nadgrids", "nadgr&#105;ds"])
+def test_the_crs_beside_a_raster_has_no_file_opened(word: str, tmp_path: Path) -> None:
+    path = with_raster(tmp_path / "s", valid("raster"))
+    grid = tmp_path / "grid.gsb"
+    os.mkfifo(grid)  # whoever opens it waits for ever
+    text = f"<PAMDataset><SRS>+proj=longlat +ellps=bessel +{word}={grid}</SRS></PAMDataset>"
+    (path.parent / f"{path.name}.aux.xml").write_text(text)
+    with pytest.raises(InputError, match="names another file"):
+        read_raster(path)
+
+
 @pytest.mark.parametrize("suffix", [".ovr", ".msk"])
 def test_overviews_and_masks_beside_are_no_vrt(suffix: str, tmp_path: Path) -> None:
     path = with_raster(tmp_path / "s", valid("raster"))

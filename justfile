@@ -97,6 +97,11 @@ settings:
 build:
     uv build --all-packages
 
+# Whether an advisory is known of what is installed; asks the network
+audit:
+    uv pip freeze --exclude-editable > audit.txt
+    uvx pip-audit --disable-pip --no-deps -r audit.txt
+
 # Everything that must hold before a change is merged
 ci:
     .ci/run

@@ -16,14 +16,18 @@ from benchmarks.given import trials_given
 from benchmarks.starts import GROUPS
 from benchmarks.table import percent, table
 from treereg_core.evaluation import Trial
+from treereg_core.options import Options
 from treereg_core.statistics import upper_bound, wilson
 
 EDGES = (0.0, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)
 """Each bin holds its lower edge, the last its upper edge too."""
+DEFAULT: float = Options.model_fields["max_failure"].default
+LIMITS = (1e-6, 1e-5, 1e-4, DEFAULT, 1e-2, 0.1, 0.5)
+"""What `--max-failure` might be."""
 
 
 def main() -> int:
-    """Print the three tables."""
+    """Print the four tables."""
     trials = trials_given("benchmarks.calibration", __doc__)
     placed = [trial for trial in trials if trial.verdict in ("accepted", "ambiguous")]
     print("Failure probability, predicted and observed\n")
@@ -31,6 +35,8 @@ def main() -> int:
     print(f"\n{len(trials) - len(placed)} of {len(trials)} trials claim no placement.")
     print("\nAccepted and wrong\n")
     print(silence(trials))
+    print("\nThe trade between flagged and wrong, had the limit of the failure probability been another\n")
+    print(trade(placed))
     print("\nThe 95 % interval of the expected error, among right placements\n")
     print(coverage([trial for trial in placed if trial.right]))
     return 0
@@ -68,6 +74,25 @@ def silence(trials: Sequence[Trial]) -> str:
         bound = f"{100 * upper_bound(wrong, len(accepted)):.2f} %" if accepted else "-"
         rows.append((name, str(len(accepted)), str(wrong), bound))
     return table(("group", "accepted", "wrong", "at most, with 95 %"), rows)
+
+
+def trade(placed: Sequence[Trial]) -> str:
+    """For each limit of the failure probability how many right placements would be flagged, and wrong ones accepted."""
+    groups = list(dict.fromkeys(GROUPS[trial.name] for trial in placed))
+    rows = []
+    for name in (*groups, "all"):
+        some = [t for t in placed if name in ("all", GROUPS[t.name])]
+        right = sum(t.right for t in some)
+        for limit in LIMITS:
+            accepted = [t for t in some if t.failure_probability <= limit]
+            wrong = sum(not t.right for t in accepted)
+            flagged = right - (len(accepted) - wrong)
+            bound = f"{100 * upper_bound(wrong, len(accepted)):.2f} %" if accepted else "-"
+            mark = " (default)" if limit == DEFAULT else ""
+            cells = (str(right), str(flagged), percent(flagged, right), str(len(accepted)), str(wrong), bound)
+            rows.append((name, f"{limit:g}{mark}", *cells))
+    header = ("group", "limit", "right", "flagged", "of the right", "accepted", "wrong", "at most, with 95 %")
+    return table(header, rows)
 
 
 def coverage(right: Sequence[Trial]) -> str:

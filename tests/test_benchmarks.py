@@ -111,6 +111,19 @@ def test_reliability_shows_a_liar():
     assert calibration.silence(liar).splitlines()[-1].split()[:3] == ["all", "100", "30"]
 
 
+def test_the_trade_counts_what_each_limit_would_flag_and_accept():
+    probabilities = [1e-6, 1e-3, 1e-3, 0.05, 0.9]
+    hard = [replace(TRIAL, name="overlap_50", right=k != 2, failure_probability=p) for k, p in enumerate(probabilities)]
+    plain = [replace(TRIAL, name="shift_3", right=True, failure_probability=1e-5)]
+    rows = [row.split() for row in calibration.trade([*hard, *plain]).splitlines()[2:]]
+    assert [row[1] for row in rows if row[0] == "hard"] == ["1e-06", "1e-05", "0.0001", "0.001", "0.01", "0.1", "0.5"]
+    assert ["hard", "1e-06", "4", "3", "75.0", "%", "1", "0", "100.00", "%"] in rows
+    assert ["hard", "0.001", "(default)", "4", "2", "50.0", "%", "3", "1", "79.23", "%"] in rows
+    assert ["hard", "0.1", "4", "1", "25.0", "%", "4", "1", "69.94", "%"] in rows
+    assert ["ordinary", "1e-06", "1", "1", "100.0", "%", "0", "0", "-"] in rows
+    assert [row[-4] for row in rows if row[0] == "all"] == ["1", "2", "2", "4", "4", "5", "5"]
+
+
 def test_a_start_is_near_while_every_row_end_is():
     scene = Scene(trees=400, outline="rectangle", planting_jitter=0.0, gaps=0.0, missed=0.0, false=0.0)
     simulation = simulate(scene, seed=0)

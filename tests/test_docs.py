@@ -19,6 +19,7 @@ OPTIONS = {
 OWN = {option for parameter in TREEREG.params for option in parameter.opts}
 """Options of treereg itself."""
 ELSEWHERE = {"--check", "--all-packages", "--fix", "--keep-going", "--out"}
+ELSEWHERE |= {"--exclude-editable", "--disable-pip", "--no-deps"}
 """Options of other tools that the pages mention in passing."""
 
 pages = pytest.mark.parametrize("page", PAGES, ids=name)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
+from importlib.metadata import version
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1c1c; --faint: #d5d5d5; --ground: #fff; }
@@ -41,3 +42,9 @@ def document(title: str, parts: Sequence[str]) -> str:
 def cells(values: Sequence[str], tag: str) -> str:
     """Cells of a table."""
     return "".join(f"<{tag}>{escape(value)}</{tag}>" for value in values)
+
+
+def made_by(plugins: Mapping[str, str]) -> str:
+    """A sentence with every distribution whose code was run; `plugins` are those of methods, by name."""
+    distributions = dict.fromkeys([f"treereg {version('treereg')}", *plugins.values()])
+    return f"Made by {', '.join(distributions)}."

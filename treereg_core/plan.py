@@ -27,7 +27,7 @@ class Plan:
     """The stages, the start and the judge of a run, each with its settings.
 
     `aligner` is None when the run starts from the identity or from a file. `plugins` names the distribution of each
-    method.
+    method, and of each recipe.
     """
 
     options: Options
@@ -75,7 +75,8 @@ def plan_for(options: Options, registry: Registry) -> Plan:
     def made(name: str) -> Any:
         return record(classes[name], chosen.get(name, {}), lambda field: f"{name}.{field}")
 
-    plugins = {name: registry.entry(name).origin for name in sorted(classes)}
+    names = {*classes, *(word.strip() for word in options.method.split("+"))}  # recipes as well as what they stand for
+    plugins = {name: registry.entry(name).origin for name in sorted(names)}
     if options.memory:
         check_memory(options.memory, plugins)
     return Plan(

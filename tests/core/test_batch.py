@@ -35,6 +35,8 @@ WORK = Work(Options(), {})
         (HEADER + "a,b,c\n\nA,d,e\n", "line 4: the orchard 'A' is in line 2 already"),
         (HEADER + "../x,b,c\n", "line 2: the orchard '../x' has one of"),
         (HEADER + "..,b,c\n", "begins or ends with a dot"),
+        (HEADER + "=1+1,b,c\n", "begins with =, which spreadsheets take for a formula"),
+        (HEADER + "-out,b,c\n", "begins with -"),
         (HEADER + "C:\\x,b,c\n", "has one of"),
         (HEADER + "a\x1b[2J,b,c\n", "cannot be shown"),
         (HEADER + "a" * 101 + ",b,c\n", "longer than 100"),

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,7 @@ def test_no_trouble_of_one_orchard_harms_another(orchards: Path, env: dict[str, 
     assert {file.name for file in (out / "o0").iterdir()} == FILES
     assert leftovers(out) == []
     page = (out / "summary.html").read_text(encoding="utf-8")
+    assert f"Made by treereg {version('treereg')}, treereg-troubled 0.1.0." in page
     looks = re.findall(r'<tr><td>(?:<a href="[^"]*">)?(o\d)', page.partition("<h2>All orchards")[0])
     assert looks[:6] == ["o1", "o2", "o5", "o4", "o3", "o6"]
     assert 'href="o0/report.html"' in page

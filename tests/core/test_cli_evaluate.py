@@ -86,6 +86,9 @@ def test_two_surveys_by_two_starts(orchard: Path, capsys: Output) -> None:
     assert list(trials[0])[: len(COLUMNS)] == COLUMNS
     said = read(Path("out/evaluation.json"))
     assert said["schema"] == "treereg/evaluation/1"
+    assert set(said["plugins"]) == {"coarse", "icp", "truth", "checkpoints", "pixels", "residuals"}
+    assert said["plugins"]["icp"].startswith("treereg-icp ")
+    assert f"{said['plugins']['icp']}." in Path("out/evaluation.html").read_text()
     coarse, identity = said["results"]
     assert coarse["right"]["count"] == 4
     assert coarse["right"]["ci95"][0] < 1

@@ -243,3 +243,19 @@ def test_colours_follow_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None
     assert coloured(sys.stdout)
     monkeypatch.setenv("NO_COLOR", "1")
     assert not coloured(sys.stdout)
+
+
+def test_a_name_moves_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    clear = "\x1b[2J\x9b2J\u202e"
+    console.show(f"\x1b[32maccepted\x1b[0m\n  {clear}.json")
+    console.verbose = True
+    try:
+        console.fail(ValueError(clear), clear)
+    finally:
+        console.reset()
+    out, err = capsys.readouterr()
+    assert out.startswith("\x1b[32maccepted\x1b[0m\n")
+    for text in (out, err):
+        assert "\\x1b[2J\\x9b2J\\u202e" in text
+        assert not set("\x9b\u202e") & set(text)
+        assert "\x1b[2J" not in text

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import sqlite3
+import struct
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -102,6 +104,17 @@ def test_overviews_elsewhere_are_not_opened(read: Any, inside: bool, tmp_path: P
     assert asked == []
 
 
+@pytest.mark.parametrize("word", ["nadgrids", "nadgr&#105;ds"])
+def test_the_crs_beside_a_raster_has_no_file_opened(word: str, tmp_path: Path) -> None:
+    path = with_raster(tmp_path / "s", valid("raster"))
+    grid = tmp_path / "grid.gsb"
+    os.mkfifo(grid)  # whoever opens it waits for ever
+    text = f"<PAMDataset><SRS>+proj=longlat +ellps=bessel +{word}={grid}</SRS></PAMDataset>"
+    (path.parent / f"{path.name}.aux.xml").write_text(text)
+    with pytest.raises(InputError, match="names another file"):
+        read_raster(path)
+
+
 @pytest.mark.parametrize("suffix", [".ovr", ".msk"])
 def test_overviews_and_masks_beside_are_no_vrt(suffix: str, tmp_path: Path) -> None:
     path = with_raster(tmp_path / "s", valid("raster"))
@@ -134,19 +147,24 @@ def geopackage(path: Path, *statements: str) -> Path:
     return path
 
 
-def entry(kind: str, name: str, sql: str) -> str:
-    return f"INSERT INTO sqlite_master VALUES ('{kind}', '{name}', '{name}', 0, '{sql}')"
+def entry(kind: str, name: str, sql: str, stored: str = "TEXT") -> str:
+    return f"INSERT INTO sqlite_master VALUES ('{kind}', '{name}', '{name}', 0, CAST('{sql}' AS {stored}))"
 
 
 @pytest.mark.parametrize(
     ("statement", "words"),
     [
         (entry("table", "out", 'CREATE VIRTUAL TABLE out USING VirtualOGR("/etc/passwd")'), "virtual table"),
+        (entry("table", "out", 'CREATE VIRTUAL TABLE out USING VirtualOGR("/etc/passwd")', "BLOB"), "virtual table"),
         (entry("table", "out", "CREATE VIRTUAL TABLE out USING csv(filename=/etc/passwd)"), "virtual table"),
+        (entry("table", "out", "CREATE/*a*/VIRTUAL TABLE out USING csv(filename=/etc/passwd)"), "virtual table"),
+        (entry("table", "out", 'CREATE VIRTUAL TABLE out USING csv("/etc/passwd", " USING rtree")'), "virtual table"),
         (
             "CREATE VIEW v AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n",
             "computes",
         ),
+        ("CREATE VIEW v AS WITH n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n", "computes"),
+        ("ALTER TABLE trees ADD COLUMN vast AS (zeroblob(1000000000))", "computes 'vast'"),
     ],
 )
 def test_a_geopackage_that_computes_its_content(statement: str, words: str, tmp_path: Path) -> None:
@@ -156,6 +174,77 @@ def test_a_geopackage_that_computes_its_content(statement: str, words: str, tmp_
         read_survey(path.parent)
     with pytest.raises(InputError, match=words):
         move_vector(path, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
+
+
+@pytest.mark.parametrize("stored", ["TEXT", "BLOB"])
+def test_a_geopackage_with_views_is_moved_but_not_read(stored: str, tmp_path: Path) -> None:
+    """GDAL asks every view for its columns, and one over many tables need not come to an end."""
+    tables = ", ".join(f"sqlite_master a{k}" for k in range(12))
+    nothing = " || ".join(f"a{k}.name" for k in range(12))
+    view = f"CREATE VIEW v AS SELECT a0.rowid AS fid FROM {tables} WHERE {nothing} = 0"
+    path = geopackage(tmp_path / "s" / "raw-detections.gpkg", entry("view", "v", view, stored))
+    with pytest.raises(InputError, match="computes 'v'"):
+        read_survey(path.parent)
+    (tmp_path / "out").mkdir()
+    move_vector(path, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
+    assert (tmp_path / "out" / path.name).exists()
+
+
+def test_a_geopackage_whose_pages_are_used_again_and_again(tmp_path: Path) -> None:
+    more = "INSERT INTO trees (geom, confidence, name) SELECT geom, confidence, zeroblob(500) FROM trees"
+    path = geopackage(tmp_path / "raw-detections.gpkg", "DROP TRIGGER rtree_trees_geom_insert", *[more] * 4)
+    with closing(sqlite3.connect(path)) as database:
+        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trees'")
+        ((size,),) = database.execute("PRAGMA page_size")
+    content = bytearray(path.read_bytes())
+    begin = (root - 1) * size
+    assert content[begin] == 5  # an inner page
+    (count,) = struct.unpack_from(">H", content, begin + 3)
+    cells = [begin + at for at in struct.unpack_from(f">{count}H", content, begin + 12)]
+    for cell in cells[1:]:
+        content[cell : cell + 4] = content[cells[0] : cells[0] + 4]
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"raw-detections\.gpkg is damaged"):
+        read_survey(tmp_path)
+
+
+@pytest.mark.parametrize("code", [struct.pack("<BII", 1, 7, 1), struct.pack(">BIII", 0, 0xA0000006, 4326, 1)])
+def test_geometry_in_geometry_takes_no_stack(code: bytes, tmp_path: Path) -> None:
+    """A million collections, each in the next, take the stack of a process that reads them one in the other."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    deep = code * 1_000_000
+    packed, table = tmp_path / "g", tmp_path / "p"
+    triggers = (f"DROP TRIGGER rtree_trees_geom_update{k}" for k in (2, 4, 5, 6, 7))
+    path = geopackage(packed / "raw-detections.gpkg", *triggers)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE trees SET geom = ? WHERE fid = 3", (b"GP\0\1" + struct.pack("<i", 32734) + deep,))
+        database.commit()
+    table.mkdir()
+    TARGETS["geoparquet"].write(table, valid("geoparquet"))
+    (parquet,) = table.iterdir()
+    whole = pq.read_table(parquet)
+    at = whole.schema.get_field_index("geometry")
+    column = [deep, *whole.column(at).to_pylist()[1:]]
+    pq.write_table(whole.set_column(at, whole.schema.field(at), pa.array(column, pa.binary())), parquet)
+    (tmp_path / "out").mkdir()
+    for file, feature in ((path, 2), (parquet, 0)):
+        with pytest.raises(InputError, match=f"feature {feature} .* nested too deeply"):
+            read_survey(file.parent)
+        with pytest.raises(InputError, match="nested too deeply"):
+            move_vector(file, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "where", ["dem_10cm.tif.aux.xml", "dem_10cm.aux", "dem_10cm.xml", "raw-detections.gpkg-journal"]
+)
+def test_nobody_waits_for_a_pipe(where: str, tmp_path: Path) -> None:
+    geopackage(tmp_path / "raw-detections.gpkg")
+    (tmp_path / "dem_10cm.tif").write_bytes(valid("raster"))
+    os.mkfifo(tmp_path / where)
+    with pytest.raises(InputError, match="is no file; remove it"):
+        read_survey(tmp_path)
 
 
 def test_a_geopackage_attaches_nothing(tmp_path: Path) -> None:

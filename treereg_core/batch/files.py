@@ -17,7 +17,7 @@ from treereg_core.batch.attention import first_to_look_at
 from treereg_core.batch.order import Order
 from treereg_core.batch.outcome import JUDGED, Outcome, Word
 from treereg_core.outputs import REGISTRATION
-from treereg_core.page import cells, document
+from treereg_core.page import cells, document, made_by
 
 SUMMARY, PAGE = FILES = ("summary.csv", "summary.html")
 COLUMNS = (*(field.name for field in fields(Outcome)), "reference", "source")
@@ -74,6 +74,7 @@ def page(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> str:
             "<h2>All orchards</h2>",
             f'<div class="wide"><table><thead><tr>{cells(HEADER, "th")}</tr></thead>',
             f"<tbody>{table}</tbody></table></div>",
+            f"<p><small>{escape(made_by(orders[0].work.plugins))}</small></p>",
         ],
     )
 

@@ -103,6 +103,8 @@ def _flaw(name: str) -> str | None:
         return "has one of / \\ : * ? \" < > |, which a folder's name cannot have"
     if name.startswith(".") or name.endswith("."):
         return "begins or ends with a dot"
+    if name[0] in "=+-@":
+        return f"begins with {name[0]}, which spreadsheets take for a formula and commands for an option"
     if len(name) > LONGEST_NAME:
         return f"is longer than {LONGEST_NAME} letters"
     if name.casefold() in RESERVED:

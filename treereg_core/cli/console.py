@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import time
@@ -15,6 +16,8 @@ import typer
 if TYPE_CHECKING:
     from treereg_core.cli.bar import Bar
 
+COLOUR = re.compile(r"(\x1b\[[0-9;]*m)")
+"""What paints a terminal, and does nothing else to it."""
 EVERY_S = 5.0
 """How often a count is told where no bar can show it, seconds."""
 
@@ -96,7 +99,8 @@ class Console:
         """One sentence on what went wrong; where in the code only with `-v`."""
         self.end_bar()
         if self.verbose:
-            traceback.print_exception(error, file=sys.stderr)
+            for line in "".join(traceback.format_exception(error)).splitlines():
+                print(plain(line), file=sys.stderr)
         self.say(message if message.endswith((".", "?")) else f"{message}.", ("treereg:", "red"))
 
     def say(self, message: str, head: tuple[str, str] | None = None) -> None:
@@ -108,7 +112,8 @@ class Console:
     def show(self, text: str) -> None:
         """The result for people, on stdout."""
         self.end_bar()
-        print(text)
+        for line in text.split("\n"):
+            print("".join(part if COLOUR.fullmatch(part) else plain(part) for part in COLOUR.split(line)))
 
 
 def in_words(seconds: float) -> str:

@@ -38,14 +38,20 @@ def methods(
     registry = installed()
     if name is None:
         rows = [as_plain(entry) for entry in registry.entries]
-        console.show(json.dumps(rows, indent=1, ensure_ascii=False) if as_json else table(registry.entries))
+        if as_json:
+            typer.echo(json.dumps(rows, indent=1, ensure_ascii=False))
+        else:
+            console.show(table(registry.entries))
         return
     offer: type | Recipe | None = Judge
     row = judge_row()
     if name != "judge":
         entry = registry.entry(name)
         offer, row = entry.offer, as_plain(entry)
-    console.show(json.dumps(row, indent=1, ensure_ascii=False) if as_json else page(offer, row))
+    if as_json:
+        typer.echo(json.dumps(row, indent=1, ensure_ascii=False))
+    else:
+        console.show(page(offer, row))
 
 
 def table(entries: tuple[Entry, ...]) -> str:

@@ -12,8 +12,9 @@ from treereg_core.errors import InputError, UsageError
 from treereg_core.evaluation.page import page
 from treereg_core.evaluation.running import Study
 from treereg_core.evaluation.summary import Line, summed_up
-from treereg_core.evaluation.trial import Trial
+from treereg_core.evaluation.trial import Trial, plugins
 from treereg_core.io.output import check_apart
+from treereg_core.page import made_by
 
 SCHEMA = "treereg/evaluation/1"
 TRIALS, SUMMARY, PAGE = FILES = ("trials.csv", "evaluation.json", "evaluation.html")
@@ -47,7 +48,8 @@ def write_evaluation(study: Study, notes: Sequence[str], trials: Sequence[Trial]
     """
     lines = summed_up(trials)
     io.write_json(out / SUMMARY, to_json(study, notes, lines))
-    io.write_text(out / PAGE, page("Evaluation of registrations", notes, trials, lines))
+    by = made_by(plugins(study.setups))
+    io.write_text(out / PAGE, page("Evaluation of registrations", [*notes, by], trials, lines))
     return lines
 
 
@@ -56,6 +58,7 @@ def to_json(study: Study, notes: Sequence[str], lines: Sequence[Line]) -> dict[s
     return {
         "schema": SCHEMA,
         "version": metadata.version("treereg"),
+        "plugins": plugins(study.setups),
         "notes": list(notes),
         "setups": [options.model_dump(mode="json", exclude={"memory", "threads"}) for options in study.setups],
         "names": list(study.source.names),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -159,6 +159,15 @@ def evaluators() -> tuple[Evaluator, ...]:
     registry = installed()
     offers = (registry.method(name) for name in registry.names(Evaluator))
     return tuple(offer() for offer in offers if issubclass(offer, Evaluator))
+
+
+def plugins(setups: Iterable[Options]) -> dict[str, str]:
+    """The distribution of every method in these options and of every evaluator, by name."""
+    registry = installed()
+    found = {name: registry.entry(name).origin for name in registry.names(Evaluator)}
+    for options in setups:
+        found |= plan_of(options).plugins
+    return dict(sorted(found.items()))
 
 
 def figures(result: Result, case: Case) -> dict[str, float]:

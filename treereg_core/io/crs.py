@@ -39,10 +39,10 @@ def parse_crs(name: str, path: Path) -> CRS:
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
-    _check_no_files(str(name), path)
+    check_no_files(str(name), path)
     try:
         crs = CRS.from_user_input(name).to_2d()
-        _check_no_files(crs.to_wkt(), path)
+        check_no_files(crs.to_wkt(), path)
     except (CRSError, ValueError) as error:  # half a surrogate pair is a ValueError
         raise InputError(
             f"{path} names an unknown CRS ({name!a:.80}); name a known one, such as EPSG:32734."
@@ -50,7 +50,7 @@ def parse_crs(name: str, path: Path) -> CRS:
     return crs
 
 
-def _check_no_files(text: str, path: Path) -> None:
+def check_no_files(text: str, path: Path) -> None:
     """Refuse a CRS whose definition names a file: a grid, or one of definitions."""
     if NAMES_A_FILE.search(text):
         raise InputError(f"{path} has a CRS that names another file; name one by its code, such as EPSG:32734.")

@@ -40,7 +40,7 @@ def move_geopackage(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Fl
             start = file.read(16)
         if start != b"SQLite format 3\0":
             raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
-        check_geopackage(path)
+        check_geopackage(path, views=True)
         with closing(sqlite3.connect(target)) as database:
             with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source:
                 source.backup(database, pages=PAGES, progress=_Waiting(path))

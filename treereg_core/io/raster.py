@@ -8,15 +8,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from glob import escape
+from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.crs import WGS84, converter, crs_name, parse_crs
+from treereg_core.io.crs import WGS84, check_no_files, converter, crs_name, parse_crs
 from treereg_core.io.files import reading
 from treereg_core.io.grid import Grid, affine_of
+from treereg_core.io.untrusted import check_beside
 from treereg_core.transform import Affine, FloatArray
 
 if TYPE_CHECKING:
@@ -102,12 +104,15 @@ def open_raster(path: Path) -> Iterator[Any]:
 
 
 def _check_beside(path: Path) -> None:
-    """Refuse overviews and masks beside a raster that are of another format: they would be opened with it."""
+    """Refuse what would have others opened: overviews and masks of another format, and a CRS that names a file."""
+    check_beside(path)
     for side in path.parent.glob(f"{escape(path.name)}.*"):
         if side.suffix.lower() in (".ovr", ".msk") and side.is_file():
             with side.open("rb") as file:
                 if file.read(4) not in TIFF:
                     raise InputError(f"{side} is no TIFF; remove it, or make it again.")
+        if side.name.lower().endswith(".aux.xml") and side.is_file():
+            check_no_files(unescape(side.read_text(encoding="utf-8", errors="replace")), side)
 
 
 def read_raster(path: Path, fallback: tuple[str, FloatArray | None] | None = None) -> Raster:

@@ -14,7 +14,7 @@ import numpy as np
 from treereg_core.errors import InputError
 from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import reading
-from treereg_core.io.untrusted import check_file_size
+from treereg_core.io.untrusted import check_beside, check_file_size
 from treereg_core.io.writing import complete_file
 from treereg_core.transform import FloatArray
 
@@ -38,6 +38,7 @@ def move_shapefile(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Flo
     """Write a shapefile, moved, into a folder under its own name. `InputError` if it cannot be read or has no CRS."""
     parts = shapefile_parts(path)
     with reading(path, "a shapefile"):
+        check_beside(path)
         check_file_size(path)
         move = mover(_crs(path, parts))
         content = bytearray(path.read_bytes())

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
+from treereg_core.io.untrusted import check_nesting
 from treereg_core.transform import FloatArray
 
 Shapes = NDArray[np.object_]
@@ -19,6 +20,7 @@ def shapes(binary: list[bytes | None], path: Path) -> Shapes:
     """Geometries (n,) from well-known binary, None where there is none."""
     import shapely
 
+    check_nesting(binary, path)
     try:
         found = shapely.from_wkb(np.array(binary, dtype=object))
     except shapely.errors.ShapelyError as error:

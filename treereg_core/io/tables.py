@@ -17,7 +17,7 @@ from treereg_core.errors import InputError
 from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
-from treereg_core.io.untrusted import check_geopackage, check_parquet
+from treereg_core.io.untrusted import check_geopackage, check_nesting, check_parquet
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -117,8 +117,10 @@ def _geopackage(path: Path, columns: list[str] | None) -> Table:
         raise InputError(f"{path} holds {found}; keep exactly one layer of polygons.")
     meta, table = pyogrio.raw.read_arrow(path, layer=layers[0], columns=columns, return_fids=True)
     fid, geometry = meta["fid_column"] or "OGC_FID", meta["geometry_name"] or "wkb_geometry"
+    binary = table.column(geometry).to_pylist()
+    check_nesting(binary, path)
     return Table(
-        geometry=np.asarray(shapely.from_wkb(np.array(table.column(geometry).to_pylist(), dtype=object))),
+        geometry=np.asarray(shapely.from_wkb(np.array(binary, dtype=object))),
         properties=table.drop_columns([geometry, fid]),
         crs=parse_crs(meta["crs"], path) if meta["crs"] else None,
         ids=table.column(fid).to_pylist(),
@@ -136,6 +138,8 @@ def _geoparquet(path: Path, columns: list[str] | None) -> Table:
     primary = meta["primary_column"]
     if meta["columns"][primary].get("crs"):
         parse_crs(json.dumps(meta["columns"][primary]["crs"]), path)
+    if meta["columns"][primary]["encoding"] == "WKB":
+        check_nesting(pq.read_table(path, columns=[primary]).column(0).to_pylist(), path)
     frame = geopandas.read_parquet(path, columns=[primary])
     wanted = [
         name

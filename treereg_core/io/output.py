@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Callable, Iterable
@@ -9,11 +10,13 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 
-from treereg_core.errors import InputError, UsageError
+from treereg_core.errors import InputError, TreeregError, UsageError
 from treereg_core.io.files import reason
 from treereg_core.io.staging import GONE, NEW, OLD, arriving, files_below, staging_folder
 
 DEFAULT_OUT = Path("treereg-out")
+REFUSED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""What a system says that takes no more of a file."""
 
 _SURVEY = ("raw-detections.geojson", "boundary.geojson", "visible_10cm.tif", "dem_10cm.tif")
 SIMULATION_NAMES = ("truth.json", *(f"{role}/{name}" for role in ("reference", "source") for name in _SURVEY))
@@ -83,6 +86,10 @@ class OutputFolder:
     def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
         assert self._staging is not None
         with self._stack:
+            if isinstance(value, TreeregError) and str(self._staging) in str(value):  # where the file will never be
+                raise InputError(str(value).replace(str(self._staging / NEW), str(self.path))) from value
+            if isinstance(value, OSError) and value.errno in REFUSED:
+                raise self._unwritable(value) from value
             if kind is None:
                 try:
                     self._arrive(self._staging)

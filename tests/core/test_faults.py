@@ -8,12 +8,13 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from treereg_core.cli import main
 from treereg_core.evaluation.files import evaluation_folder
-from treereg_core.io import OutputFolder, settle_left
+from treereg_core.io import OutputFolder, move_vector, settle_left
 from treereg_core.io.staging import PREFIX
 from treereg_core.outputs import write_result
 from treereg_core.simulate import Scene, simulate, write_simulation
@@ -176,6 +177,28 @@ def test_a_file_that_changes_while_it_is_used(
     assert main(run_words(here / "o")) == 2
     assert f"{file} was {how} while it was used" in sentence(capsys.readouterr().err)
     assert [path.name for path in here.iterdir()] == ["o"]
+
+
+def test_a_file_that_changes_while_it_is_moved(
+    orchard: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    shutil.copytree(orchard / "source", here / "o")
+    file = here / "o" / "raw-detections.geojson"
+
+    def meanwhile(*arguments: Any) -> None:
+        move_vector(*arguments)
+        file.write_text(file.read_text() + " ")
+
+    monkeypatch.setattr("treereg_core.application.io.move_vector", meanwhile)
+    assert main(["apply", str(orchard / "truth.json"), str(file), "--out", "x", "-q"]) == 2
+    assert f"{file} was changed while it was used" in sentence(capsys.readouterr().err)
+    assert [path.name for path in here.iterdir()] == ["o"]
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="the system has no /proc")
+def test_a_place_where_no_folder_can_be_made(orchard: Path, capsys: Output) -> None:
+    assert main(run_words(orchard, "--out", "/proc/x")) == 2
+    assert "/proc/x cannot be written" in sentence(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,8 @@ def _held(place: Path, target: Path) -> tuple[Path, int | None]:
     """The folder, which nobody else holds; where there are no locks, one of another name."""
     end = time.monotonic() + PATIENCE_S
     while True:
+        place.mkdir(exist_ok=True)
         try:
-            place.mkdir(exist_ok=True)
             lock = take(place / LOCK)
             if lock is not None:
                 _settle(place)

@@ -23,7 +23,7 @@ from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
 from treereg_core.cli.series import series
 from treereg_core.cli.simulate import simulate
-from treereg_core.cli.streams import abandon_stdout, printing
+from treereg_core.cli.streams import Unprinted, abandon_stdout, printing
 from treereg_core.errors import TreeregError
 
 app = typer.Typer(
@@ -94,6 +94,9 @@ def carry_out(arguments: Sequence[str] | None) -> int:
         return 2
     except typer.Abort:
         return 130
+    except Unprinted as error:
+        console.fail(error, str(error))
+        return 1
     except BrokenPipeError:  # nobody reads stdout any more
         abandon_stdout()
         return 1

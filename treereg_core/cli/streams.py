@@ -7,8 +7,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from treereg_core.errors import InputError
-from treereg_core.io.files import reason
+
+class Unprinted(Exception):  # noqa: N818 -- a state of the system, not a fault
+    """What was to be printed could not be written; the text is one sentence for a person."""
 
 
 def open_all() -> None:
@@ -28,15 +29,15 @@ def open_all() -> None:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Turns what a full disk makes of printing into an `InputError`; a pipe that nobody reads is left to others."""
+    """Turns what a full disk makes of printing into `Unprinted`; a pipe that nobody reads is left to others."""
     try:
         yield
     except BrokenPipeError:
         raise
     except OSError as error:
         abandon_stdout()
-        raise InputError(
-            f"the result cannot be printed ({reason(error)}); free space where stdout goes, or send it elsewhere."
+        raise Unprinted(
+            f"the result cannot be printed ({error.strerror}); free space where stdout goes, or send it elsewhere."
         ) from error
 
 

@@ -20,7 +20,7 @@ from benchmarks.processes import told
 from treereg_core.cli.evaluate import families_of, setups_of
 from treereg_core.errors import TreeregError
 from treereg_core.evaluation import Families, Study, run_all
-from treereg_core.evaluation.files import open_folder, write_evaluation
+from treereg_core.evaluation.files import evaluation_folder, write_evaluation
 from treereg_core.evaluation.trial import CRASHED
 from treereg_core.simulate import FAMILIES
 
@@ -38,9 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         source = Families(families_of(options.family or list(FAMILIES)))
         study = Study(source, setups_of({"settings": {}}, ([*METHODS, *(options.method or ())], STARTS), None), seeds)
-        trials = run_all(study, open_folder(options.out, (), overwrite=False), options.jobs, told)
         said = f"{len(source.names)} families; pairs of surveys of each: {len(seeds)}."
-        write_evaluation(study, [said], trials, options.out)
+        with evaluation_folder(options.out, (), overwrite=False) as log:
+            trials = run_all(study, log, options.jobs, told)
+            write_evaluation(study, [said], trials, options.out)
     except TreeregError as error:
         print(error, file=sys.stderr)
         return 2

@@ -69,6 +69,7 @@ class Processes:
             good, value = child.ask(function, arguments, seconds)
         except BaseException:
             child.end()
+            child.wait()  # what it held is free then
             with self._lock:
                 self._all.discard(child)
             raise
@@ -115,13 +116,17 @@ class _Child:
         except (EOFError, OSError) as error:
             self._process.join(LEAVE_S)
             self.end()
-            self._process.join()
+            self.wait()
             raise ProcessDied(_how(self._process.exitcode)) from error
         return answer
 
     def end(self) -> None:
         """End it at once."""
         self._process.kill()
+
+    def wait(self) -> None:
+        """Wait until it has ended."""
+        self._process.join()
 
 
 @contextmanager

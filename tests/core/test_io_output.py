@@ -103,8 +103,9 @@ def test_a_run_that_ends_early_leaves_everything_as_it_was(here, error, earlier)
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-@pytest.mark.parametrize(("earlier", "step"), [(False, 0), (False, 1), (True, 0), (True, 1), (True, 2), (True, 3)])
-def test_an_arrival_that_fails_is_undone(here, monkeypatch, error, earlier, step):
+@pytest.mark.parametrize(("earlier", "step"), [(False, 0), *((True, step) for step in range(5))])
+@pytest.mark.parametrize("late", [False, True])
+def test_an_arrival_that_fails_is_undone(here, monkeypatch, error, earlier, step, late):
     if earlier:
         run(here / "x", "old")
     before = tree(here)
@@ -112,9 +113,12 @@ def test_an_arrival_that_fails_is_undone(here, monkeypatch, error, earlier, step
 
     def failing(source, target):
         calls.append(target)
-        if len(calls) == step + 1:
-            raise error
-        replace(source, target)
+        if len(calls) != step + 1:
+            replace(source, target)
+            return
+        if late and earlier:
+            replace(source, target)
+        raise error
 
     monkeypatch.setattr(os, "replace", failing)
     with pytest.raises(InputError if isinstance(error, OSError) else KeyboardInterrupt):

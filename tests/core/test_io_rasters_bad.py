@@ -106,8 +106,8 @@ def test_a_disk_that_is_too_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     path = painted(tmp_path / "a.tif")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 10**9, 1000))
-    refused(path, "GB are free")
-    refused(path, "GB are free", lossless=True)
+    refused(path, "MB are free")
+    refused(path, "MB are free", lossless=True)
 
 
 def test_a_disk_that_fills_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

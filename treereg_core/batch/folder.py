@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 
 from treereg_core.errors import InputError, UsageError
 from treereg_core.io.files import reason
-from treereg_core.io.output import STAGING, check_apart
+from treereg_core.io.lock import take_if_possible
+from treereg_core.io.output import check_apart
+from treereg_core.io.staging import settle_left
 
 LOCK = ".treereg-batch"
 
@@ -38,32 +39,17 @@ class BatchFolder:
                 raise UsageError(
                     f"{self.path} is in use, it holds {foreign}; choose another folder, or give --overwrite."
                 )
-            self._lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-            self._hold()
-            for left in [self.path, *self.path.iterdir()]:
-                remove_staging(left)
+            lock = take_if_possible(self.path / LOCK)
+            if lock is None:
+                raise UsageError(
+                    f"another batch is at work in {self.path}; wait until it is done, or choose another folder."
+                )
+            self._lock = lock
+            for folder in [self.path, *self.path.iterdir()]:
+                settle_left(folder)
         except OSError as error:
             raise InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.") from error
         return self.path
 
     def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
         os.close(self._lock)
-
-    def _hold(self) -> None:
-        try:
-            import fcntl
-        except ImportError:  # a system without such locks
-            return
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(self._lock)
-            raise UsageError(
-                f"another batch is at work in {self.path}; wait until it is done, or choose another folder."
-            ) from None
-
-
-def remove_staging(folder: Path) -> None:
-    """Remove what a process that was ended left half-written in a folder."""
-    for left in folder.glob(f"{STAGING}*"):
-        shutil.rmtree(left, ignore_errors=True)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
 
-from treereg_core.batch.folder import remove_staging
 from treereg_core.batch.order import Limits, Order
 from treereg_core.batch.outcome import Outcome, Word
 from treereg_core.batch.task import carry_out
 from treereg_core.errors import InputError
+from treereg_core.io.staging import settle_left
 from treereg_core.processes import ProcessDied, Processes, TimeUp
 
 ATTEMPTS = 2
@@ -91,7 +91,7 @@ def in_process(processes: Processes, seconds: float | None, order: Order) -> Out
             reason = f"{death}."
         except TimeUp:
             word, reason = Word.TIMEOUT, f"it was not done after {seconds:g} s and was ended (--time-limit)."
-        remove_staging(order.folder)
+        settle_left(order.folder)
     return Outcome(order.orchard, word, reason, seconds=round(time.monotonic() - begin, 3), attempts=attempt)
 
 

@@ -18,6 +18,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
+        from treereg_core.cli.streams import open_all
+
+        open_all()
         from treereg_core.cli.app import carry_out
 
         return carry_out(arguments)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import sys
 from collections.abc import Sequence
 from importlib import metadata
@@ -24,6 +23,7 @@ from treereg_core.cli.rows import rows
 from treereg_core.cli.run import run
 from treereg_core.cli.series import series
 from treereg_core.cli.simulate import simulate
+from treereg_core.cli.streams import Unprinted, abandon_stdout, printing
 from treereg_core.errors import TreeregError
 
 app = typer.Typer(
@@ -83,7 +83,7 @@ def carry_out(arguments: Sequence[str] | None) -> int:
         colorama.just_fix_windows_console()
     try:
         code = app(args=arguments, prog_name="treereg", standalone_mode=False)
-        if sys.stdout:
+        with printing():
             sys.stdout.flush()
         return code or 0
     except TreeregError as error:
@@ -94,8 +94,11 @@ def carry_out(arguments: Sequence[str] | None) -> int:
         return 2
     except typer.Abort:
         return 130
-    except BrokenPipeError:  # nobody reads stdout any more; flushing it at exit must not fail again
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except Unprinted as error:
+        console.fail(error, str(error))
+        return 1
+    except BrokenPipeError:  # nobody reads stdout any more
+        abandon_stdout()
         return 1
     except OSError as error:
         console.fail(error, f"the system refused ({error.strerror or error}); mend that and run it again")

@@ -57,11 +57,13 @@ def apply(
     )
     check_together(options, grid)
     motion = io.read_motion(transform, rival, force)
+    before = io.stamps([*files, *([grid] if grid else [])])
     base = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
     todo = applications(files, motion, grid, options, base)
     inputs = [file.absolute().parent for file in (*files, *([grid] if grid else []))]
     names = [name for one in todo for name in one.names]
-    with io.OutputFolder(out, inputs=inputs, overwrite=overwrite, names=map(escape, names)) as folder:
+    place = io.OutputFolder(out, inputs=inputs, overwrite=overwrite, names=map(escape, names))
+    with place as folder, io.unchanged(before):
         for one in todo:
             for warning in one.warnings:
                 console.warn(warning)

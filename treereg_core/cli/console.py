@@ -8,10 +8,13 @@ import shutil
 import sys
 import time
 import traceback
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
+
+from treereg_core.cli.streams import printing
 
 if TYPE_CHECKING:
     from treereg_core.cli.bar import Bar
@@ -107,13 +110,21 @@ class Console:
         """One line on stderr, behind a word in a colour where there is one."""
         self.end_bar()
         start = f"{painted(*head, stream=sys.stderr)} " if head else ""
-        print(start + plain(message), file=sys.stderr, flush=True)
+        with suppress(OSError):  # where nobody can be told, the work goes on
+            print(start + plain(message), file=sys.stderr, flush=True)
 
     def show(self, text: str) -> None:
         """The result for people, on stdout."""
         self.end_bar()
-        for line in text.split("\n"):
-            print("".join(part if COLOUR.fullmatch(part) else plain(part) for part in COLOUR.split(line)))
+        with printing():
+            for line in text.split("\n"):
+                print("".join(part if COLOUR.fullmatch(part) else plain(part) for part in COLOUR.split(line)))
+
+    def hand_over(self, document: bytes) -> None:
+        """The result for programs, on stdout, just these bytes."""
+        self.end_bar()
+        with printing():
+            typer.echo(document, nl=False)
 
 
 def in_words(seconds: float) -> str:

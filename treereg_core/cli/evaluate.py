@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -29,7 +30,7 @@ from treereg_core.cli.run import settle
 from treereg_core.errors import UsageError
 from treereg_core.evaluation import Families, Misregistered, Study, run_all
 from treereg_core.evaluation.case import Source
-from treereg_core.evaluation.files import FILES, open_folder, write_evaluation
+from treereg_core.evaluation.files import FILES, evaluation_folder, write_evaluation
 from treereg_core.evaluation.page import in_words, label, silent_in_words
 from treereg_core.evaluation.summary import Line, not_in_place
 from treereg_core.io.output import DEFAULT_OUT
@@ -104,21 +105,23 @@ def evaluate(
     if folders:
         if family:
             raise UsageError("--family is of simulated surveys; leave it out, or the folders.")
-        source, notes = of_surveys(folders, (rotation_sd, translation_sd), checkpoints, confidence_property)
+        with io.unchanged(io.survey_stamps(folders)):
+            source, notes = of_surveys(folders, (rotation_sd, translation_sd), checkpoints, confidence_property)
     else:
         if checkpoints:
             raise UsageError("--checkpoints are of surveys; give their folders.")
         source = Families(families_of(family or GROUPS))
         notes = [f"Simulated surveys of {len(source.names)} families, {trials} pairs of surveys of each."]
     study = Study(source, setups, range(seed, seed + trials))
-    log = open_folder(out, folders, overwrite)
-    done = run_all(study, log, jobs or os.cpu_count() or 1, lambda done, total: console.count("trials", done, total))
-    if folders and (doubt := not_in_place(done)):
-        console.warn(doubt)
-        notes.append(doubt)
-    lines = write_evaluation(study, notes, done, out)
+    with evaluation_folder(out, folders, overwrite) as log:
+        count = partial(console.count, "trials")
+        done = run_all(study, log, jobs or os.cpu_count() or 1, count)
+        if folders and (doubt := not_in_place(done)):
+            console.warn(doubt)
+            notes.append(doubt)
+        lines = write_evaluation(study, notes, done, out)
     if as_json:
-        typer.echo((out / FILES[1]).read_bytes(), nl=False)
+        console.hand_over((out / FILES[1]).read_bytes())
     else:
         console.show(summary(notes, lines, out))
 

@@ -55,6 +55,7 @@ def misregister(
     is. Other files are left out, with a warning, and folders in SURVEY without one.
     """
     turn, shift = settle((rotation_sd, translation_sd), rotation, translation, seed)
+    before = io.survey_stamps([survey])
     console.progress(f"read {survey}")
     read = io.read_survey(survey, confidence_property=confidence_property)
     wrong = misregistration(read.features, turn, shift)
@@ -64,7 +65,8 @@ def misregister(
     for warning in (*read.warnings, *copy.warnings):
         console.warn(warning)
     names = (*copy.names, NAME)
-    with io.OutputFolder(out, inputs=[survey], overwrite=overwrite, names=map(escape, names)) as folder:
+    place = io.OutputFolder(out, inputs=[survey], overwrite=overwrite, names=map(escape, names))
+    with place as folder, io.unchanged({**before, **io.stamps(one.path for one in copy.moved)}):
         copy.write(folder, console.progress)
         io.write_json(folder / NAME, record(read, wrong, turn, shift))
     if not console.quiet:

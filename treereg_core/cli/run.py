@@ -105,7 +105,7 @@ def run(
     plan = settle(given(context), config)
     beside = raster_options((rasters, resampling, extent), (world_file, gcp_points), plan.options.threads)
     inputs = [folder for folder in (reference, source) if folder]
-    with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
+    with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder, io.unchanged(io.survey_stamps(inputs)):
         truth = None
         if not inputs:
             console.progress("make a demonstration orchard")
@@ -132,7 +132,7 @@ def run(
         error_m = true_error(result, truth) if truth else None
         text = (folder / REGISTRATION).read_bytes()
     if as_json:
-        typer.echo(text, nl=False)
+        console.hand_over(text)
         if error_m is not None:
             console.note(f"true error {error_m:.3f} m")
     else:

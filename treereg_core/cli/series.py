@@ -83,15 +83,16 @@ def series(
     plan = settle(given(context), config)
     moved = raster_options((rasters, "auto", "reference"), (False, False), plan.options.threads)
 
-    with io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier(out)) as folder:
+    place = io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier)
+    with place as folder, io.unchanged(io.survey_stamps(surveys)):
         remembering = replace(plan, options=plan.options.model_copy(update={"memory": folder / MEMORY}))
         console.items = len(surveys)
         found = carry_out(remembering, surveys, confidence_property, console.progress, tell)
         for warning in write_series(found, folder, moved, console.share, report):
             console.warn(warning)
-        text = (folder / SERIES).read_text(encoding="utf-8")
+        text = (folder / SERIES).read_bytes()
     if as_json:
-        typer.echo(text, nl=False)
+        console.hand_over(text)
     else:
         console.show(summary(found, out, (*FILES, *([PAGE] if report else []))))
     return 0 if len(found.accepted) == len(found.members) else 3

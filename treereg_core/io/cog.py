@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.files import first_line, reason
 from treereg_core.io.raster import Raster, read_raster
 from treereg_core.io.raster_tags import STRUCTURE
 from treereg_core.io.warping import BLOCK, Progress, block_size
@@ -21,29 +18,14 @@ COMPRESSION = "DEFLATE"
 """Lossless, and read by every program that reads GeoTIFF."""
 
 
-@contextmanager
-def writing_raster(path: Path) -> Iterator[None]:
-    """Turns what a full disk or a refusing system makes of writing into an `InputError` that names the file."""
-    from rasterio.errors import RasterioError
-
-    try:
-        yield
-    except OSError as error:
-        why = reason(error) if error.strerror else first_line(error)
-        raise InputError(f"{path} cannot be written ({why}); free space, or choose another place.") from error
-    except RasterioError as error:
-        raise InputError(
-            f"{path} cannot be written ({first_line(error)}); free space, or choose another place."
-        ) from error
-
-
 def check_space(folder: Path, path: Path, needed: float) -> None:
     """Raise `InputError` when a folder's disk has fewer free bytes than `path` needs."""
     free = shutil.disk_usage(folder).free
     if needed > free:
+        unit, size = ("GB", 1e9) if needed >= 1e8 else ("MB", 1e6)
         raise InputError(
-            f"{path} would need {needed / 1e9:,.1f} GB while it is moved, but only {free / 1e9:,.1f} GB are free; "
-            "free space, or choose another place with --out."
+            f"{path} would need {needed / size:,.1f} {unit} while it is moved, but only {free / size:,.1f} {unit} are "
+            "free; free space, or choose another place with --out."
         )
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +35,7 @@ SIDES = ("ST_MinX", "ST_MinY", "ST_MaxX", "ST_MaxY")
 def move_geopackage(path: Path, mover: Callable[[CRS], Callable[[FloatArray], FloatArray]], folder: Path) -> None:
     """Write a GeoPackage, all its layers moved, into a folder under its own name. `InputError` if it cannot be."""
     target = folder / path.name
-    with reading(path, "GeoPackage"):
+    with reading(path, "GeoPackage"), _room(target):
         with path.open("rb") as file:
             start = file.read(16)
         if start != b"SQLite format 3\0":
@@ -51,6 +51,17 @@ def move_geopackage(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Fl
             for table, column, srs in layers:
                 _move_layer(database, (table, column), mover(_crs(database, srs, table, path)), path)
             database.commit()
+
+
+@contextmanager
+def _room(target: Path) -> Iterator[None]:
+    """A full disk is no fault of the file that is read."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise
+        raise InputError(f"{target} cannot be written ({error}); free space, or choose another place.") from error
 
 
 class _Waiting:

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.cog import writing_raster
 from treereg_core.io.grid import Grid, Motion, moved
 from treereg_core.io.raster import Raster, quiet_gdal
+from treereg_core.io.raster_writing import writing_raster
 from treereg_core.transform import Affine
 
 WARN_PIXELS = 0.1

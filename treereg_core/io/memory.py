@@ -7,13 +7,15 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
 from treereg_core.errors import InputError
 from treereg_core.io.files import collector_paused, first_line, reason
 from treereg_core.io.jsontext import readable
+from treereg_core.io.lock import take_if_possible
+from treereg_core.io.staging import settle_left
 from treereg_core.io.writing import complete_file
 
 MEMORY = "memory.json"
@@ -123,14 +125,12 @@ def memory_lock(folder: Path) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+        lock = take_if_possible(folder / LOCK, wait=True)
     except OSError as error:
         raise InputError(f"{folder} cannot be written ({reason(error)}); give --memory another folder.") from error
+    assert lock is not None
     try:
-        with suppress(ImportError, OSError):
-            import fcntl
-
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        settle_left(folder)
         yield
     finally:
         os.close(lock)

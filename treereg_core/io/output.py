@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
-import tempfile
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 
-from treereg_core.errors import InputError, UsageError
+from treereg_core.errors import InputError, TreeregError, UsageError
 from treereg_core.io.files import reason
+from treereg_core.io.staging import GONE, NEW, OLD, arriving, files_below, staging_folder
 
 DEFAULT_OUT = Path("treereg-out")
-STAGING = ".treereg-staging-"
+REFUSED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""What a system says that takes no more of a file."""
 
 _SURVEY = ("raw-detections.geojson", "boundary.geojson", "visible_10cm.tif", "dem_10cm.tif")
 SIMULATION_NAMES = ("truth.json", *(f"{role}/{name}" for role in ("reference", "source") for name in _SURVEY))
@@ -36,58 +38,83 @@ class OutputFolder:
     """A folder to write into, for use in a `with` statement, which gives a staging folder in its stead.
 
     What the block wrote into the staging folder arrives in `path` when the block ends well; when it raises, whatever
-    the exception, nothing arrives and what was there stays.
+    the exception, nothing arrives and what was there stays. A new folder appears with all its files at once. In one
+    that is there, old files are put aside before any new one arrives; should the process be killed in between, the
+    next run puts them back, or lets the rest arrive.
 
     - `path`: new, empty, or, at the default place, holding nothing but files of an earlier run. With `overwrite` any
       folder; the files of an earlier run are removed then, and no others.
     - `inputs`: folders that are read; `path` must neither be nor contain one.
-    - `names`: the files that a run may leave behind, relative to `path`; glob patterns are allowed.
+    - `names`: the files that a run may leave behind, relative to `path`, or a function of `path` that tells them; glob
+      patterns are allowed.
 
-    Entering raises `UsageError` for a folder that must not be written into, `InputError` for one that cannot be;
-    leaving raises `InputError` when the files cannot arrive.
+    Entering raises `UsageError` for a folder that must not be written into or that another run writes into,
+    `InputError` for one that cannot be; leaving raises `InputError` when the files cannot arrive.
     """
 
     def __init__(
-        self, path: Path, *, inputs: Iterable[Path] = (), overwrite: bool = False, names: Iterable[str] = RUN_NAMES
+        self,
+        path: Path,
+        *,
+        inputs: Iterable[Path] = (),
+        overwrite: bool = False,
+        names: Iterable[str] | Callable[[Path], Iterable[str]] = RUN_NAMES,
     ) -> None:
         self.path = path
         self._inputs = tuple(inputs)
         self._overwrite = overwrite
-        self._names = tuple(names)
+        self._names = names if callable(names) else tuple(names)
         self._staging: Path | None = None
+        self._stack = ExitStack()
 
     def __enter__(self) -> Path:
         try:
-            self._check()
-            target = self.path.absolute()
-            base = next(folder for folder in (target, *target.parents) if folder.exists())
-            self._staging = Path(tempfile.mkdtemp(prefix=STAGING, dir=base))
-            new = self._staging / "new"
-            new.mkdir()
+            self._check_place()
+            self._staging = self._stack.enter_context(staging_folder(self.path.absolute()))
         except OSError as error:
             raise self._unwritable(error) from error
-        return new
+        try:
+            self._check_use()
+        except OSError as error:
+            self._stack.close()
+            raise self._unwritable(error) from error
+        except BaseException:
+            self._stack.close()
+            raise
+        return self._staging / NEW
 
     def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:
         assert self._staging is not None
-        try:
+        with self._stack:
+            if isinstance(value, TreeregError) and str(self._staging) in str(value):  # where the file will never be
+                raise InputError(str(value).replace(str(self._staging / NEW), str(self.path))) from value
+            if isinstance(value, OSError) and value.errno in REFUSED:
+                raise self._unwritable(value) from value
             if kind is None:
-                self._arrive(self._staging)
-        except OSError as error:
-            raise self._unwritable(error) from error
-        finally:
-            shutil.rmtree(self._staging, ignore_errors=True)
+                try:
+                    self._arrive(self._staging)
+                except OSError as error:
+                    raise self._unwritable(error) from error
 
-    def _check(self) -> None:
-        target = self.path.resolve()
-        if target.exists() and not target.is_dir():
+    def _check_place(self) -> None:
+        """Refuse a place that cannot be one, before anything is made."""
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            raise UsageError("the current folder is no longer there; change into another one.") from None
+        if self.path.is_symlink() and not self.path.exists():
+            raise UsageError(f"{self.path} is a link to a folder that is not there; make it, or choose another folder.")
+        if self.path.exists() and not self.path.is_dir():
             raise UsageError(f"{self.path} is a file, not a folder; choose another folder.")
         check_apart(self.path, self._inputs)
+
+    def _check_use(self) -> None:
+        """Refuse a folder that holds what must stay."""
         if self._overwrite:
             return
         earlier = self._earlier()
-        foreign = next((file for file in _files(self.path) if file not in earlier), None)
-        at_default = target == DEFAULT_OUT.resolve()
+        foreign = next((file for file in files_below(self.path) if file not in earlier), None)
+        at_default = self.path.resolve() == DEFAULT_OUT.resolve()
         found = foreign or (next(iter(sorted(earlier)), None) if not at_default else None)
         if found:
             raise UsageError(
@@ -97,28 +124,51 @@ class OutputFolder:
 
     def _earlier(self) -> set[Path]:
         """The files of an earlier run."""
-        return {file for name in self._names for file in self.path.glob(name) if file.is_symlink() or file.is_file()}
+        names = self._names(self.path) if callable(self._names) else self._names
+        return {file for name in names for file in self.path.glob(name) if file.is_symlink() or file.is_file()}
 
     def _arrive(self, staging: Path) -> None:
         """Put the old files aside and the new ones in place; undone altogether if any step fails."""
-        moves = [(file, staging / "old" / file.relative_to(self.path)) for file in sorted(self._earlier())]
-        new = staging / "new"
-        moves += [(file, self.path / file.relative_to(new)) for file in sorted(_files(new))]
-        made: list[Path] = []
-        begun = 0
+        new, old, gone = (staging / name for name in (NEW, OLD, GONE))
+        if staging.parent != self.path.absolute():
+            made = _make_folder(self.path.parent)
+            try:
+                os.replace(new, self.path)
+            except BaseException:
+                _remove_empty(made)
+                raise
+            return
+        earlier = [file.relative_to(self.path) for file in reversed(arriving(self._earlier()))]
+        fresh = [file.relative_to(new) for file in arriving(files_below(new))]
+        made = []
         try:
-            made = _make_folder(self.path)
-            for begun, (old, place) in enumerate(moves, start=1):  # noqa: B007
-                made += _make_folder(place.parent)
-                os.replace(old, place)
+            old.mkdir()
+            for name in earlier:
+                (old / name.parent).mkdir(parents=True, exist_ok=True)
+                os.replace(self.path / name, old / name)
+            os.replace(old, gone)
+            for name in fresh:
+                made += _make_folder((self.path / name).parent)
+                os.replace(new / name, self.path / name)
         except BaseException:
-            for old, place in reversed(moves[:begun]):
-                if not old.exists():
-                    with suppress(OSError):
-                        os.replace(place, old)
+            with suppress(OSError):  # then the next run settles it
+                self._undo(staging, earlier, fresh)
             _remove_empty(made)
             raise
-        _remove_empty({folder for file, _ in moves for folder in _between(file, self.path)})
+        shutil.rmtree(gone, ignore_errors=True)
+        _remove_empty({folder for name in (*earlier, *fresh) for folder in _between(self.path / name, self.path)})
+
+    def _undo(self, staging: Path, earlier: list[Path], fresh: list[Path]) -> None:
+        """Take the new files away again and put the old ones back; broken off, it can be settled as an arrival can."""
+        new, old, gone = (staging / name for name in (NEW, OLD, GONE))
+        if gone.exists():
+            for name in reversed(fresh):
+                if not (new / name).exists():
+                    os.replace(self.path / name, new / name)
+            os.replace(gone, old)
+        for name in reversed(earlier):
+            if (old / name).exists():
+                os.replace(old / name, self.path / name)
 
     def _unwritable(self, error: OSError) -> InputError:
         return InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.")
@@ -131,13 +181,6 @@ def check_apart(path: Path, inputs: Iterable[Path]) -> None:
         folder = given.resolve()
         if folder.is_dir() and (folder == target or target in folder.parents):
             raise UsageError(f"--out {path} is or contains the input folder {given}; choose another folder.")
-
-
-def _files(folder: Path) -> Iterable[Path]:
-    """Every file below a folder, one by one; what an interrupted run left aside does not count."""
-    for place, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(STAGING)]
-        yield from (Path(place) / name for name in names)
 
 
 def _make_folder(folder: Path) -> list[Path]:

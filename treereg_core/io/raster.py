@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import warnings
 from collections.abc import Iterator
@@ -33,6 +34,8 @@ DRIVERS = ("GTiff", "PNG", "JPEG", "JP2OpenJPEG", "WEBP", "BMP", "AAIGrid")
 """The formats that are read, as GDAL names them: their files hold pixels and no names of others."""
 OFFLINE = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 """GDAL opens no address but one of this name, which there is not."""
+SILENT = logging.NullHandler()
+"""What GDAL says beside its errors, as of a full disk, is logged and not printed in the midst of a command's words."""
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """How a TIFF begins."""
 
@@ -78,6 +81,7 @@ def quiet_gdal(**options: Any) -> Iterator[None]:
     """GDAL with these settings, which neither writes side files of its own accord nor warns of what is checked here."""
     import rasterio
 
+    logging.getLogger("rasterio").addHandler(SILENT)
     with warnings.catch_warnings(), rasterio.Env(GDAL_PAM_ENABLED=True, **options):
         warnings.simplefilter("ignore")
         yield

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,10 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from treereg_core.io.files import first_line
+from treereg_core.errors import InputError
+from treereg_core.io.files import first_line, reason
 
 BLOCK = 256
 """Side of a tile of the file, pixels; values are best written in multiples of it."""
+FULL_BYTES = 2**20
+"""A disk with less is full when something could not be written to it."""
 Put = Callable[[int, int, NDArray[Any]], None]
 """Takes a row, a column and the values (bands, h, w) that begin there."""
 
@@ -47,6 +51,7 @@ def new_raster(path: Path, form: RasterForm) -> Iterator[Put]:
     be written.
     """
     import rasterio
+    from rasterio._err import CPLE_BaseError
     from rasterio.errors import RasterioIOError
     from rasterio.windows import Window
 
@@ -80,7 +85,29 @@ def new_raster(path: Path, form: RasterForm) -> Iterator[Put]:
 
             yield put
         os.replace(aside, path)
-    except RasterioIOError as error:
-        raise OSError(errno.EIO, first_line(error)) from error
+    except (RasterioIOError, CPLE_BaseError) as error:
+        raise OSError(errno.EIO, unwritten(path, error)) from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing_raster(path: Path) -> Iterator[None]:
+    """Turns what a full disk or a refusing system makes of writing into an `InputError` that names the file."""
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+
+    try:
+        yield
+    except (OSError, RasterioError, CPLE_BaseError) as error:
+        why = unwritten(path, error)
+        raise InputError(f"{path} cannot be written ({why}); free space, or choose another place.") from error
+
+
+def unwritten(path: Path, error: Exception) -> str:
+    """Why a raster could not be written. GDAL does not say when a disk is full, so that is looked at."""
+    if isinstance(error, OSError) and error.strerror:
+        return reason(error)
+    if shutil.disk_usage(path.parent).free < FULL_BYTES:
+        return os.strerror(errno.ENOSPC).lower()
+    return first_line(error.__cause__ if isinstance(error.__cause__, Exception) else error)

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from treereg_core.errors import InputError
-from treereg_core.io.cog import bytes_needed, check_space, verify, write_cog, writing_raster
+from treereg_core.io.cog import bytes_needed, check_space, verify, write_cog
 from treereg_core.io.georeference import write_points, write_world_file
 from treereg_core.io.grid import Grid, Motion, PixelMap, converted, covering, extended
 from treereg_core.io.lossless import check_geotiff, moved_grid, rewrite, sidecars, stored_bytes
 from treereg_core.io.pieces import scales
 from treereg_core.io.raster import Raster, quiet_gdal
+from treereg_core.io.raster_writing import writing_raster
 from treereg_core.io.resampling import Resampling
 from treereg_core.io.warping import CACHE_BYTES, Warp
 from treereg_core.transform import FloatArray

@@ -19,6 +19,7 @@ from treereg_core.io.grid import PixelMap
 from treereg_core.io.pieces import Piece, cut
 from treereg_core.io.raster import Raster, open_raster, quiet_gdal
 from treereg_core.io.raster_tags import describe
+from treereg_core.io.raster_writing import writing_raster
 from treereg_core.io.resampling import Kernel, Mask, Pixels, Resampling
 
 CACHE_BYTES = 64 * 2**20
@@ -48,7 +49,8 @@ class Warp:
     def into(self, path: Path, progress: Progress) -> bool:
         """Write the moved raster as an uncompressed GeoTIFF; gives whether it shows anything of the source.
 
-        Raises `InputError` when the source cannot be read. The same bytes come out at any number of threads.
+        Raises `InputError` when the source cannot be read, or `path` cannot be written. The same bytes come out at any
+        number of threads.
         """
         kernel = Kernel.of(self.raster, self.method, self.pixels)
         shows = False
@@ -68,9 +70,10 @@ class Warp:
                     continue
                 shows = True
                 at = _window(piece.target)
-                target.write(values, window=at)
-                if mask:
-                    target.write_mask(shown, window=at)
+                with writing_raster(path):
+                    target.write(values, window=at)
+                    if mask:
+                        target.write_mask(shown, window=at)
                 progress((piece.target.row + piece.target.height) / self.pixels.target.height)
         return shows
 
@@ -140,8 +143,9 @@ class Warp:
             "sparse_ok": True,
             "bigtiff": "IF_SAFER",
         }
-        with open_raster(raster.path) as source, rasterio.open(path, "w", **profile) as target:
-            describe(source, target)
+        with rasterio.open(path, "w", **profile) as target:
+            with open_raster(raster.path) as source:
+                describe(source, target)
             mask = self.needs_mask
             if mask:
                 from rasterio.windows import Window

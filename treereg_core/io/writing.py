@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,6 +17,8 @@ from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, crs_name, from_frame, to_frame
 from treereg_core.io.files import DETECTIONS, SUFFIXES, collector_paused, read_json, reason
 from treereg_core.io.jsontext import json_line, readable
+from treereg_core.io.lock import NoLocks, hold
+from treereg_core.io.staging import PREFIX, settle_left
 from treereg_core.io.tables import read_table, table_of
 from treereg_core.judgement import Matches
 from treereg_core.method import Described
@@ -148,6 +150,7 @@ def write_rows(survey: Survey, rows: Rows, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
+    settle_left(path.parent)
     write_features(features, path)
 
 
@@ -191,11 +194,13 @@ def write_text(path: Path, text: str) -> None:
 def complete_file(path: Path) -> Iterator[IO[bytes]]:
     """A file to write that takes its name only when it is complete; nothing is left behind otherwise."""
     try:
-        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:50]}-")
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=PREFIX)
     except OSError as error:
         raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
     try:
         with os.fdopen(descriptor, "wb") as file:
+            with suppress(NoLocks):  # held, it is known not to be left over
+                hold(descriptor)
             yield file
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)

@@ -40,6 +40,7 @@ def write_page(folder: Path) -> Path:
     Raises `InputError` when that is not the data of a report.
     """
     path = folder / DATA
+    io.settle_left(folder)
     data = io.read_json(path)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not data.keys() >= NEEDED:
         raise InputError(f"{path} is not the data of a report ({SCHEMA}); write it again with treereg run.")

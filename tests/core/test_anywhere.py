@@ -53,7 +53,7 @@ def require_right(place: Place, crs: tuple[str, str] = (WGS84, WGS84)) -> None:
     assert rms(place.at(rings.reshape(-1, 2)), meant) < TOLERANCE_M
 
 
-@settings(max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(
     longitude=st.sampled_from(LONGITUDES) | st.floats(-180, 180),
     latitude=st.sampled_from(LATITUDES) | st.floats(-90, 90),

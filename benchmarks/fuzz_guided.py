@@ -14,6 +14,7 @@ import subprocess
 import sys
 import warnings
 from hashlib import sha1
+from importlib.util import find_spec
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -97,6 +98,8 @@ def main() -> None:
     parser.add_argument("--corpus", type=Path, default=Path("fuzz-corpus"))
     parser.add_argument("--one", help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if find_spec("atheris") is None:
+        parser.error("atheris is not installed; give it for the time: uv run --with atheris python -m ...")
     if given.one:
         _fuzz(given.one, given.seconds, given.corpus)
     from benchmarks.fuzz_targets import TARGETS

@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from io_files import feature, polygon, raw, survey
 
+from benchmarks import fuzz_guided
 from benchmarks.fuzz_targets import FRAME, TARGETS, spoiled, tried, valid
 from treereg_core.cli import main
 from treereg_core.errors import InputError, TreeregError, UsageError
@@ -160,3 +161,11 @@ def test_deep_nesting_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capt
     told = capsys.readouterr().err
     assert "nested too deeply" in told
     assert "Traceback" not in told
+
+
+def test_guided_fuzzing_says_what_it_lacks(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(fuzz_guided, "find_spec", lambda name: None)
+    monkeypatch.setattr("sys.argv", ["fuzz_guided"])
+    with pytest.raises(SystemExit):
+        fuzz_guided.main()
+    assert "--with atheris" in capsys.readouterr().err

@@ -58,6 +58,10 @@ def test_a_spoiled_manifest_ends_a_batch_as_it_should(seed: int, tmp_path: Path)
         tried("batch-command", spoiled("batch-command", Random(seed)), tmp_path)
 
 
+def test_a_manifest_with_a_zero_byte_in_a_path(tmp_path: Path) -> None:
+    refused(tmp_path, b"orchard,reference,source\nnorth,a\0,b\n", "batch-command", "line 2", "zero byte")
+
+
 @pytest.mark.parametrize("content", [b"[" * 100_000, b'{"files": {"\\u0000": 1}}', b"\xff"])
 def test_a_record_of_a_batch_that_is_none_is_not_believed(content: bytes, tmp_path: Path) -> None:
     tried("batch-record", content, tmp_path)

@@ -62,6 +62,11 @@ def test_a_manifest_with_a_zero_byte_in_a_path(tmp_path: Path) -> None:
     refused(tmp_path, b"orchard,reference,source\nnorth,a\0,b\n", "batch-command", "line 2", "zero byte")
 
 
+def test_a_path_too_long_for_the_system_is_one_row_of_a_batch_and_no_start(tmp_path: Path) -> None:
+    tried("batch-command", b"orchard,reference,source\nnorth," + b"a" * 5000 + b",b\nsouth,c,d\n", tmp_path)
+    refused(tmp_path, b'start = "' + b"a" * 5000 + b'.json"', "config-command", "there is no such file")
+
+
 @pytest.mark.parametrize("content", [b"[" * 100_000, b'{"files": {"\\u0000": 1}}', b"\xff"])
 def test_a_record_of_a_batch_that_is_none_is_not_believed(content: bytes, tmp_path: Path) -> None:
     tried("batch-record", content, tmp_path)

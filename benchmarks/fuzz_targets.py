@@ -20,16 +20,23 @@ import numpy as np
 from benchmarks.mutations import mutated_bytes, mutated_json, mutated_text
 from treereg_core import io, memory
 from treereg_core.batch.manifest import read_manifest
+from treereg_core.batch.order import RECORD, Order, Work
+from treereg_core.batch.order import SCHEMA as BATCH_SCHEMA
+from treereg_core.batch.outcome import Outcome, Word
 from treereg_core.cli import main
 from treereg_core.errors import UsageError
 from treereg_core.evaluation.log import FIXED, read
+from treereg_core.options import Options
 from treereg_core.report.data import SCHEMA
 from treereg_core.report.files import NEEDED
+from treereg_core.series.files import SCHEMA as SERIES_SCHEMA
+from treereg_core.series.files import SERIES, names_of_earlier
 from treereg_core.survey import Frame
 from treereg_core.transform import Rigid
 
 FRAME = Frame("EPSG:32734", (343_000.0, 6_306_000.0))
 DETECTIONS, BOUNDARY = "raw-detections.geojson", "boundary.geojson"
+SURVEYS = (f"reference/{DETECTIONS}", f"source/{DETECTIONS}")
 Spoil = Callable[[bytes, Random], bytes]
 Use = Callable[[Path], object]
 
@@ -38,7 +45,8 @@ Use = Callable[[Path], object]
 class Target:
     """One kind of file: its name in a folder, whether the valid files of a survey stand beside it, and its use.
 
-    `use` is given the folder; it returns, or raises a `TreeregError`.
+    `use` is given the folder; it returns, or raises a `TreeregError`. One that starts processes is `slow`, and gets few
+    of the inputs.
     """
 
     file: str
@@ -46,12 +54,13 @@ class Target:
     spoil: Spoil
     use: Use
     beside: tuple[str, ...] = ()
+    slow: bool = False
 
     def write(self, folder: Path, content: bytes) -> None:
         """Lay out a folder with this content in the file."""
-        for name in self.beside:
-            (folder / name).write_bytes(_valid(name))
-        (folder / self.file).write_bytes(content)
+        for name, held in {**{name: _valid(name) for name in self.beside}, self.file: content}.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_bytes(held)
 
 
 def _command(*arguments: str) -> Use:
@@ -72,6 +81,11 @@ def _command(*arguments: str) -> Use:
     return use
 
 
+def _run(*arguments: str) -> Use:
+    """`treereg run` without what only takes time here."""
+    return _command("run", *arguments, "--out", "{}-out", "--overwrite", "--no-report")
+
+
 def _use_transform(folder: Path) -> None:
     io.read_transform(folder / "registration.json", FRAME)
     io.read_motion(folder / "registration.json", force=True)
@@ -87,6 +101,22 @@ def _use_memory(folder: Path) -> None:
     if known is not None:
         memory.check_methods(folder, known, {"bn_rows": "treereg-bn-rows 0.1.0"})
         memory.check_orchard(folder, known, survey, survey)
+
+
+def _use_record(folder: Path) -> None:
+    """The record of a batch, where it is the right one and where it is of other work."""
+    work = Work(Options(method="icp"), {})
+    order = Order("north", folder, folder, folder, work)
+    record = folder / RECORD
+    _ = order.done
+    record.write_bytes(record.read_bytes().replace(b"OF THIS WORK", order.digest.encode()))
+    _ = order.done
+
+
+def _use_series(folder: Path) -> None:
+    """What a series does to the folder of an earlier one."""
+    with io.OutputFolder(folder, overwrite=True, names=names_of_earlier(folder)):
+        pass
 
 
 def _use_moved(name: str, folder: Path) -> None:
@@ -203,6 +233,37 @@ def _memory() -> bytes:
     return json.dumps(taught.to_json()).encode()
 
 
+@cache
+def _taught() -> dict[str, bytes]:
+    """Two surveys of a small orchard and the memory that they left, by their names in a folder."""
+    from treereg_core import register
+    from treereg_core.simulate import Scene, simulate, write_simulation
+
+    scene = Scene(trees=80, jitter=0.05, area_persistence=0.9, rotation=1.0, shift=(1.0, 0.5))
+    names = (*SURVEYS, "memory/memory.json")
+    with TemporaryDirectory() as folder:
+        write_simulation(simulate(scene, 1), Path(folder))
+        surveys = Path(folder) / "reference", Path(folder) / "source"
+        register(*surveys, method="bn_landmarks+icp", start="identity", memory=Path(folder) / "memory")
+        return {name: (Path(folder) / name).read_bytes() for name in names}
+
+
+def _truth() -> bytes:
+    transform = json.loads(_registration())["transform"]
+    return json.dumps({"schema": "treereg/truth/1", "crs": FRAME.crs, "transform": transform, "trees": []}).encode()
+
+
+def _record() -> bytes:
+    outcome = Outcome("north", Word.ACCEPTED, "it fits.", matched=12, expected_error=0.1).to_json()
+    record = {"schema": BATCH_SCHEMA, "digest": "OF THIS WORK", "files": {DETECTIONS: len(_valid(DETECTIONS))}}
+    return json.dumps({**record, "outcome": outcome}).encode()
+
+
+def _series() -> bytes:
+    surveys = [{"name": name, "verdict": "accepted"} for name in ("2021", "2022")]
+    return json.dumps({"schema": SERIES_SCHEMA, "surveys": surveys, "memory": ["memory.json", "a.bif"]}).encode()
+
+
 def _report() -> bytes:
     data: dict[str, Any] = {name: {"a": [1, "</script>", None]} for name in sorted(NEEDED)}
     return json.dumps({"schema": SCHEMA, **data}).encode()
@@ -246,7 +307,9 @@ CHECKPOINTS = b"reference_x,reference_y,source_x,source_y\n343001,6306002,343002
 
 @cache
 def _valid(name: str) -> bytes:
-    """A valid file of a survey folder."""
+    """A valid file that stands beside another."""
+    if name in SURVEYS:
+        return _taught()[name]
     return _geojson() if name == DETECTIONS else _boundary()
 
 
@@ -270,6 +333,27 @@ TARGETS: dict[str, Target] = {
         (DETECTIONS,),
     ),
     "memory": Target("memory.json", _memory, mutated_json, _use_memory),
+    "memory-command": Target(
+        "memory/memory.json",
+        lambda: _taught()["memory/memory.json"],
+        mutated_json,
+        _run(
+            "{}/reference", "{}/source", "--memory", "{}/memory", "--method", "bn_landmarks+icp", "--start", "identity"
+        ),
+        SURVEYS,
+    ),
+    "truth-command": Target(
+        "truth.json", _truth, mutated_json, _run("{}", "{}", "--start", "{}/truth.json"), (DETECTIONS,)
+    ),
+    "batch-command": Target(
+        "manifest.csv",
+        lambda: MANIFEST,
+        mutated_text,
+        _command("batch", "{}/manifest.csv", "--out", "{}-out", "--overwrite", "--jobs", "1"),
+        slow=True,
+    ),
+    "batch-record": Target(RECORD, _record, mutated_json, _use_record, (DETECTIONS,)),
+    "series-record": Target(SERIES, _series, mutated_json, _use_series, (DETECTIONS,)),
     "manifest": Target("manifest.csv", lambda: MANIFEST, mutated_text, lambda f: read_manifest(f / "manifest.csv")),
     "config-command": Target(
         "options.toml",

@@ -27,6 +27,20 @@ RESOLUTION = 0.02
 SURE = 0.9
 # Normal scores have variance 1; less than this share of it is what ties leave.
 LEAST_VARIANCE = 0.5
+# Trees that are found twice stand next to each other, and a search in steps of that distance would never end: the
+# spacing is at least this share of the distance to a tree's eighth neighbour.
+CLOSEST, NEIGHBOURS = 0.1, 8
+# So many trees tell how far their neighbours are.
+MEASURED = 20_000
+
+
+def spacing_of(features: FeatureSet) -> float:
+    """The spacing of a survey, metres, as evidence and searches take it: positive, and not that of doubles."""
+    if len(features) <= NEIGHBOURS:
+        return max(features.spacing, 1e-6)
+    some = features.xy[:: 1 + len(features) // MEASURED]
+    distance, _ = features.tree.query(some, k=[NEIGHBOURS + 1])
+    return max(features.spacing, CLOSEST * float(np.median(distance)), 1e-6)
 
 
 def second_moments(xy: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -113,7 +127,7 @@ class Evidence:
     """
 
     def __init__(self, reference: FeatureSet, source: FeatureSet, threads: int = 1) -> None:
-        self.spacing = max(reference.spacing, 1e-6)
+        self.spacing = spacing_of(reference)
         self.gate = 0.45 * self.spacing
         # Heights are read off a raster where a survey says that its trees are. If both use one raster, detections on
         # the same spot have the same height, and the files' own georeference looks right whatever it is.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,7 +102,7 @@ def aligner_named(start: str, registry: Registry) -> type[CoarseAligner] | None:
     if start == IDENTITY:
         return None
     if start.endswith(".json"):
-        if not Path(start).is_file():
+        if not os.path.isfile(start):
             raise InputError(f"start {start}: there is no such file; give one that holds a transform.")
         return None
     try:

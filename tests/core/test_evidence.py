@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from tests.core.orchards import alike, grid, off_by, pair_of, truth_of
-from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
+from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics, spacing_of
 from treereg_core.features import FeatureSet
 from treereg_core.pair import Pair
 from treereg_core.side import local_scores, neighbourhoods
@@ -238,3 +238,12 @@ class TestLikelihood:
         survey = scenes.ordinary().reference
         first, second = Evidence(survey, survey), Evidence(survey, scenes.ordinary().source)
         assert first.reference is second.reference
+
+
+@pytest.mark.parametrize("off_m", [0.0, 1e-7, 0.001, 0.05])
+def test_trees_that_are_found_twice_do_not_make_the_spacing_that_of_doubles(off_m: float) -> None:
+    xy = grid(20, 20)
+    twice = FeatureSet.of(np.concatenate([xy, xy + np.array([off_m, 0.0])]))
+    assert twice.spacing == pytest.approx(off_m)
+    assert 0.3 < spacing_of(twice) <= 3.0
+    assert spacing_of(FeatureSet.of(xy)) == FeatureSet.of(xy).spacing

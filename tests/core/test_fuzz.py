@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sqlite3
 import warnings
@@ -16,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from io_files import feature, polygon, raw, survey
 
+from benchmarks import fuzz_guided
 from benchmarks.fuzz_targets import FRAME, TARGETS, spoiled, tried, valid
 from treereg_core.cli import main
 from treereg_core.errors import InputError, TreeregError, UsageError
@@ -38,7 +40,7 @@ def test_the_valid_file_is_accepted(name: str, tmp_path: Path) -> None:
         tried(name, valid(name), tmp_path)
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", [name for name in TARGETS if not TARGETS[name].slow])
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(chance=st.randoms(use_true_random=False))
 def test_a_spoiled_file_is_used_or_refused_in_a_sentence(name: str, chance: Random) -> None:
@@ -48,6 +50,39 @@ def test_a_spoiled_file_is_used_or_refused_in_a_sentence(name: str, chance: Rand
             tried(name, spoiled(name, chance), Path(folder))
         except TreeregError as error:
             assert "\n" not in str(error), error  # noqa: PT017
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_spoiled_manifest_ends_a_batch_as_it_should(seed: int, tmp_path: Path) -> None:
+    with contextlib.suppress(UsageError):
+        tried("batch-command", spoiled("batch-command", Random(seed)), tmp_path)
+
+
+def test_a_manifest_with_a_zero_byte_in_a_path(tmp_path: Path) -> None:
+    refused(tmp_path, b"orchard,reference,source\nnorth,a\0,b\n", "batch-command", "line 2", "zero byte")
+
+
+def test_a_path_too_long_for_the_system_is_one_row_of_a_batch_and_no_start(tmp_path: Path) -> None:
+    tried("batch-command", b"orchard,reference,source\nnorth," + b"a" * 5000 + b",b\nsouth,c,d\n", tmp_path)
+    refused(tmp_path, b'start = "' + b"a" * 5000 + b'.json"', "config-command", "there is no such file")
+
+
+@pytest.mark.parametrize("content", [b"[" * 100_000, b'{"files": {"\\u0000": 1}}', b"\xff"])
+def test_a_record_of_a_batch_that_is_none_is_not_believed(content: bytes, tmp_path: Path) -> None:
+    tried("batch-record", content, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["", "/", "..", "\0", "[", "**"])
+def test_what_an_earlier_series_is_said_to_have_left_stays_in_its_folder(name: str, tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "registration.json").touch()
+    content = changed("series-record", surveys=[{"name": name}], memory=[name, "../kept/registration.json"])
+    tried("series-record", content, tmp_path)
+    assert (tmp_path / "kept" / "registration.json").exists()
+
+
+def test_a_series_told_of_in_nested_values_is_none(tmp_path: Path) -> None:
+    tried("series-record", b"[" * 100_000, tmp_path)
 
 
 def refused(folder: Path, content: bytes, name: str, *words: str) -> None:
@@ -135,3 +170,11 @@ def test_deep_nesting_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capt
     told = capsys.readouterr().err
     assert "nested too deeply" in told
     assert "Traceback" not in told
+
+
+def test_guided_fuzzing_says_what_it_lacks(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(fuzz_guided, "find_spec", lambda name: None)
+    monkeypatch.setattr("sys.argv", ["fuzz_guided"])
+    with pytest.raises(SystemExit):
+        fuzz_guided.main()
+    assert "--with atheris" in capsys.readouterr().err

@@ -55,6 +55,8 @@ def read_manifest(path: Path) -> tuple[Row, ...]:
         blank = next((name for name, cell in zip(COLUMNS, (orchard, *folders), strict=True) if not cell), None)
         if blank:
             raise InputError(f"{path}, line {number} has no {blank}; fill it in, or remove the line.")
+        if any("\0" in folder for folder in folders):
+            raise InputError(f"{path}, line {number} names a folder with a zero byte in it; mend it.")
         flaw = _flaw(orchard)
         if flaw:
             raise InputError(f"{path}, line {number}: the orchard {orchard!r:.120} {flaw}; rename it.")

@@ -85,7 +85,7 @@ class Order:
             if record["schema"] != SCHEMA or record["digest"] != self.digest or record["files"] != sizes:
                 return None
             outcome = Outcome.from_json(record["outcome"])
-        except (InputError, OSError, LookupError, TypeError, ValueError):
+        except (InputError, OSError, LookupError, RecursionError, TypeError, ValueError):
             return None
         return outcome if outcome.verdict in JUDGED and outcome.orchard == self.orchard else None
 

@@ -101,9 +101,11 @@ def converter(source: str, target: str) -> Callable[[FloatArray], FloatArray]:
 
     `InputError` where there is no way from one to the other, as with a local CRS.
     """
-    from pyproj import Transformer
+    from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
 
+    if CRS.from_user_input(source).equals(target, ignore_axis_order=True):
+        return np.array  # PROJ would swap UPS (N,E) and (E,N), though it gives and takes both east first
     try:
         transformer = Transformer.from_crs(source, target, always_xy=True)
     except ProjError as error:

@@ -179,7 +179,7 @@ def check_apart(path: Path, inputs: Iterable[Path]) -> None:
     target = path.resolve()
     for given in inputs:
         folder = given.resolve()
-        if folder.is_dir() and (folder == target or target in folder.parents):
+        if os.path.isdir(folder) and (folder == target or target in folder.parents):
             raise UsageError(f"--out {path} is or contains the input folder {given}; choose another folder.")
 
 

@@ -38,10 +38,10 @@ def names_of_earlier(folder: Path) -> tuple[str, ...]:
         document = json.loads((folder / SERIES).read_text(encoding="utf-8"))
         surveys = [str(survey["name"]) for survey in document["surveys"]] if document["schema"] == SCHEMA else []
         memory = [str(name) for name in document["memory"]] if surveys else []
-    except (OSError, ValueError, LookupError, TypeError):
+    except (LookupError, OSError, RecursionError, TypeError, ValueError):
         surveys, memory = [], []
     inside = [(MEMORY, name) for name in memory] + [(survey, name) for survey in surveys for name in RUN_NAMES]
-    plain = [pair for pair in inside if all(Path(part).name == part and part != ".." for part in pair)]
+    plain = [pair for pair in inside if all(part and Path(part).name == part != ".." for part in pair)]
     return (*FILES, PAGE, *("/".join(map(glob.escape, pair)) for pair in plain))
 
 

@@ -22,6 +22,13 @@ MANY_BLOCKS = 16
 TREES_COMPARED = 225
 
 
+# A block hardly meets where less than this share of the usual rate does; so many such blocks are a part of the field.
+HARDLY = 0.5
+PART = 0.1
+# Maps are bent where pairs lie off by so many tree spacings that vary over the field.
+BENT = 0.05
+
+
 @dataclass(frozen=True)
 class Comparison:
     """The log-odds of a placement against its rival.
@@ -68,6 +75,33 @@ def standing(evidence: Evidence, match: Match, right: Statistics, decoy: Statist
     return _sum(evidence, match, list(mine), [match.covered_reference, match.covered_source])
 
 
+def in_part_only(evidence: Evidence, match: Match) -> bool:
+    """Whether a placement lays a part of the field only, because one of the maps is bent.
+
+    Elsewhere hardly any trees meet, and those that do are off by what varies over the field more than chance explains.
+    Which part it lays is up to the method, and what the others are off by shows in no residual.
+    """
+    reference, source = evidence.reference.features.xy, match.transform(evidence.source.features.xy)
+    meets = [np.zeros(len(xy), dtype=bool) for xy in (reference, source)]
+    meets[0][match.reference] = meets[1][match.source] = True
+    covered = match.covered_reference, match.covered_source
+    where = np.concatenate([xy[c] for xy, c in zip((reference, source), covered, strict=True)])
+    block = _blocks(where)
+    if len(where) < MANY_BLOCKS * TREES_PER_BLOCK:
+        return False
+    rate = np.bincount(block, np.concatenate([m[c] for m, c in zip(meets, covered, strict=True)])) / np.bincount(block)
+    if (rate < HARDLY * np.median(rate)).mean() < PART:
+        return False
+    of_tree = np.full(len(reference), -1)
+    of_tree[match.covered_reference] = block[: int(match.covered_reference.sum())]
+    at = of_tree[match.reference]
+    off = (reference[match.reference] - source[match.source])[at >= 0]
+    sums = np.column_stack([np.bincount(at[at >= 0], column) for column in off.T])
+    count = np.bincount(at[at >= 0])
+    varying = ((sums**2).sum(axis=1)[count > 0] / count[count > 0]).sum() - len(count) * off.var(axis=0).sum()
+    return bool(varying > len(off) * (BENT * evidence.spacing) ** 2)
+
+
 def _sum(evidence: Evidence, match: Match, gains: list[FloatArray], counted: list[BoolArray]) -> Comparison:
     places = evidence.reference.features.xy, match.transform(evidence.source.features.xy)
     gain = np.concatenate([g[c] for g, c in zip(gains, counted, strict=True)])
@@ -86,7 +120,7 @@ def standard_error(gain: FloatArray, where: FloatArray) -> float:
     n = len(gain)
     if n < 2 * FEWEST_BLOCKS:
         return float("inf")
-    sums = np.bincount(_blocks(where, int(np.clip(n / TREES_PER_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))), gain)
+    sums = np.bincount(_blocks(where), gain)
     of_blocks, of_trees = len(sums) * sums.var(ddof=1), n * gain.var(ddof=1)
     known = len(sums) - 1
     variance = (known * of_blocks + TREES_KNOW * of_trees) / (known + TREES_KNOW)
@@ -96,9 +130,11 @@ def standard_error(gain: FloatArray, where: FloatArray) -> float:
     return math.sqrt(variance)
 
 
-def _blocks(where: FloatArray, count: int) -> IntArray:
-    """Which of about `count` blocks of as many points each point (n, 2) lies in: strips along x, each cut along y."""
-    n, strips = len(where), max(round(np.sqrt(count)), 1)
+def _blocks(where: FloatArray) -> IntArray:
+    """Which block of the field each point (n, 2) lies in, all of as many points: strips along x, each cut along y."""
+    n = len(where)
+    count = int(np.clip(n / TREES_PER_BLOCK, FEWEST_BLOCKS, MOST_BLOCKS))
+    strips = max(round(np.sqrt(count)), 1)
     strip = np.empty(n, dtype=np.int64)
     strip[np.argsort(where[:, 0], kind="stable")] = np.arange(n) * strips // n
     rank = np.empty(n, dtype=np.int64)

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from treereg_core.calibration import failure_probability
-from treereg_core.comparison import Comparison, compare, standing
+from treereg_core.comparison import Comparison, compare, in_part_only, standing
 from treereg_core.evidence import Evidence, Match, mean_statistics
 from treereg_core.expected_error import expected_error, fit_covariance
 from treereg_core.features import concurrently
@@ -33,6 +33,8 @@ DECISIVE = 20.0
 TIED = 5.0
 # A smaller failure probability is doubtful to nobody but who asked for a still smaller one.
 CERTAIN_ENOUGH = 1e-3
+# A placement that lays a part of a bent field only is wrong on the whole so often, on simulated orchards.
+PART_FAILS = 0.01
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
 
@@ -44,6 +46,7 @@ class _Case:
     match: Match
     alone: Comparison
     opponents: tuple[tuple[Affine, Comparison], ...]
+    in_part_only: bool
 
     @property
     def stands(self) -> float:
@@ -56,9 +59,11 @@ class _Case:
 
     @property
     def failure_probability(self) -> float:
-        """That it is wrong: against decoys or its most dangerous rival, whichever is more."""
+        """That it is wrong: against decoys or its most dangerous rival, whichever is more, or for being a part's."""
         owed = self.alone.margin - self.stands
-        return max(failure_probability(c.margin - owed, c.prior) for c in (self.alone, *(c for _, c in self.opponents)))
+        against = (self.alone, *(c for _, c in self.opponents))
+        failure = max(failure_probability(c.margin - owed, c.prior) for c in against)
+        return max(failure, PART_FAILS) if self.in_part_only else failure
 
 
 class Judge(BaseModel):
@@ -146,7 +151,7 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
         alone = alone.plus(
             log_prior_at_home(match.transform, pair.source, context.georeference_sd, evidence.spacing / 2)
         )
-    return _Case(distinct[best], match, alone, tuple(opponents))
+    return _Case(distinct[best], match, alone, tuple(opponents), in_part_only(evidence, match))
 
 
 def _verdict(case: _Case, failure: float, max_failure: float, georeference_sd: float | None) -> tuple[Verdict, str]:
@@ -161,7 +166,9 @@ def _verdict(case: _Case, failure: float, max_failure: float, georeference_sd: f
             f"No placement explains the trees: at the best one {share}, no better than by chance. The surveys may show "
             f"different orchards, or too little of the same one{known}."
         )
-    if failure <= CERTAIN_ENOUGH:
+    if case.in_part_only:
+        doubt = "one of the maps is bent, so that in a part of the field hardly any trees meet"
+    elif failure <= CERTAIN_ENOUGH:
         doubt = _next_best(case)
     elif case.opponents and case.opponents[0][1].log_odds > DECISIVE:
         doubt = "the parts of the field do not agree on it, as when one of the maps is bent or a part of it is hidden"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.core.orchards import alike, grid, off_by, truth_of
-from treereg_core.comparison import Comparison, compare, standard_error, standing
+from treereg_core.comparison import Comparison, compare, in_part_only, standard_error, standing
 from treereg_core.evidence import Evidence, Match, Statistics, mean_statistics
 from treereg_core.features import FeatureSet, IntArray
 from treereg_core.simulate import Simulation
@@ -182,3 +182,28 @@ class TestStandardError:
         found = compare(evidence, match, rival, evidence.statistics(match).better_than(decoy), decoy)
         assert found.standard_error == math.inf
         assert found.margin == 0
+
+
+class TestInPartOnly:
+    """Whether one of the maps is bent so much that a placement lays a part of the field only."""
+
+    def laid(self, drift: float, kept: float = 1.0) -> bool:
+        """For rows of which the last third drifts across by up to `drift` metres, and keeps a share of its trees."""
+        rng = np.random.default_rng(1)
+        xy = grid(20, 40)
+        beyond = np.clip((xy[:, 0] / xy[:, 0].max() - 2 / 3) * 3, 0, None)
+        there = (beyond == 0) | (rng.random(len(xy)) < kept)
+        noise = rng.normal(0, 0.15, xy.shape)
+        evidence = Evidence(alike(xy), alike((xy + noise + drift * np.outer(beyond, [0, 1]))[there]))
+        return in_part_only(evidence, evidence.match(Rigid.identity()))
+
+    def test_a_part_that_drifts_away_counts(self) -> None:
+        assert self.laid(2.7)
+
+    @pytest.mark.parametrize("drift", [0.0, 0.2, 1.0])
+    def test_neither_a_straight_map_nor_a_slight_bend_does(self, drift: float) -> None:
+        assert not self.laid(drift)
+
+    @pytest.mark.parametrize("drift", [0.0, 0.2])
+    def test_nor_does_a_part_where_trees_were_felled(self, drift: float) -> None:
+        assert not self.laid(drift, kept=0.2)

@@ -130,6 +130,12 @@ class TestWrong:
         simulation = simulate_family(family, 80)
         assert judged(pair_of(simulation), off_by(simulation, *cell)).verdict is not Verdict.ACCEPTED
 
+    def test_nor_is_a_placement_of_a_part_of_a_bent_map(self) -> None:
+        simulation = simulate_family("distortion_2", 2000149)
+        found = judged(pair_of(simulation), truth_of(simulation) @ Rigid.turn(-0.3623, shift=(0.2678, 0.7845)))
+        assert found.verdict is Verdict.AMBIGUOUS
+        assert "bent" in found.reason
+
     @pytest.mark.parametrize("name", ["ordinary", "noisy", "half overlap"])
     def test_nor_is_a_half_turn_or_a_shift_to_nowhere(self, name: str) -> None:
         simulation = scenes.scene(name, 4)

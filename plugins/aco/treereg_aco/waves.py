@@ -84,16 +84,16 @@ def summit(before: float, here: float, after: float) -> float:
 
 
 @compiled
-def comb(window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, windows: int) -> FloatArray:
-    """How well steps along rows fit a comb: the sums of cos(2 pi f a), (windows, frequencies), over pairs of trees.
+def add_comb(
+    window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, total: FloatArray
+) -> None:
+    """How well steps along rows fit a comb: add cos(2 pi f a) to `total` (windows, frequencies), over pairs of trees.
 
     `window`, `along` (metres) and `weight` are of the pairs (p,); `frequencies` per metre, evenly spaced.
     """
-    total = np.zeros((windows, len(frequencies)))
     for pair in range(len(window)):
         turn = np.exp(2j * np.pi * (frequencies[1] - frequencies[0]) * along[pair])
         wave = weight[pair] * np.exp(2j * np.pi * frequencies[0] * along[pair])
         for k in range(len(frequencies)):
             total[window[pair], k] += wave.real
             wave *= turn
-    return total

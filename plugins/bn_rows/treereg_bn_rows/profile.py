@@ -185,7 +185,7 @@ def _to_nearest(profile: Profile, row: IntArray, place: FloatArray) -> FloatArra
 def frame_of(rows: Rows, features: FeatureSet) -> Rigid:
     """Takes a survey to a frame about its middle whose first axis is the common direction of its rows."""
     trees, row = trees_of(rows, features)
-    pieces = [trees[row == k] for k in np.unique(row)]
+    pieces = np.split(trees, np.flatnonzero(np.diff(row)) + 1)
     x, y = common_direction([features.ids[piece] for piece in pieces], features)
     turn = np.array([[x, y], [-y, x]])
     return Rigid(turn, -turn @ features.xy[trees].mean(axis=0))

@@ -177,5 +177,5 @@ class FeatureSet:
         """Median distance to the nearest other tree, metres; 0 when no two trees stand apart."""
         if len(self) < 2:
             return 0.0
-        distance, _ = self.tree.query(self.xy, k=[2])
-        return float(np.median(distance))
+        distance, _ = nearest(self.tree, self.xy, np.inf, 2, order=self.tree.indices)
+        return float(np.median(distance[:, 1]))

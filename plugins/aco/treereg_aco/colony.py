@@ -118,7 +118,7 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
     trees, heuristics = [start], [0.0]
     here = start
     turn = np.cos(np.radians(180 - habits.angle_limit))
-    x, y = sense * ground.along[start]
+    x, y = sense * ground.along[start, 0], sense * ground.along[start, 1]
     place = np.empty(habits.neighbours, np.int64)
     straight, heuristic = np.empty((2, habits.neighbours))
     while True:
@@ -131,7 +131,7 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
                 break
             if not colony.free[other] or colony.met[other] == ant + 1:
                 continue
-            dx, dy = ground.xy[other] - ground.xy[here]
+            dx, dy = ground.xy[other, 0] - ground.xy[here, 0], ground.xy[other, 1] - ground.xy[here, 1]
             cosine = (dx * x + dy * y) / max(np.sqrt(dx * dx + dy * dy), 1e-12)
             if cosine >= turn:
                 place[count], straight[count] = k, cosine
@@ -158,7 +158,7 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
             if rng.random() * whole < chance:
                 chosen = k
         other = graph.to[here, side, place[chosen]]
-        dx, dy = ground.xy[other] - ground.xy[here]
+        dx, dy = ground.xy[other, 0] - ground.xy[here, 0], ground.xy[other, 1] - ground.xy[here, 1]
         length = max(np.hypot(dx, dy), 1e-12)
         x, y = dx / length, dy / length
         colony.met[other] = ant + 1

@@ -106,11 +106,13 @@ def between(xy: FloatArray, along: FloatArray, i: IntArray, j: IntArray) -> tupl
 
     Measured in the mean of the two frames, so that along a bend, which is a circle, nothing is across.
     """
-    mean = along[i] + along[j] * np.where((along[i] * along[j]).sum(axis=-1) < 0, -1, 1)[..., None]
-    mean /= np.sqrt((mean**2).sum(axis=-1))[..., None]
-    vector = xy[j] - xy[i]
-    forward = (vector * mean).sum(axis=-1)
-    return forward, vector[..., 1] * mean[..., 0] - vector[..., 0] * mean[..., 1]
+    (xi, yi), (xj, yj) = along[i].T, along[j].T
+    sense = np.where(xi * xj + yi * yj < 0, -1, 1)
+    x, y = xi + xj * sense, yi + yj * sense
+    length = np.sqrt(x * x + y * y)
+    x, y = x / length, y / length
+    dx, dy = (xy[j] - xy[i]).T
+    return (dx * x + dy * y).T, (dy * x - dx * y).T
 
 
 def comb_fit(

@@ -52,14 +52,19 @@ def first_model(features: FeatureSet, frames: Frames) -> RowModel:
         box = (np.abs(x) < 0.5 * spacing) & (np.abs(y) < 0.4 * lane)
         found.append((x[box], y[box], spacing[box] * 0.8 * lane))
     x, y, room = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    squares_along, squares_across = x**2, y**2
     along, across, share = (0.15 * float(np.median(frames.spacing))) ** 2, (0.1 * lane) ** 2, 0.8
     for _ in range(40):
-        near = share / (2 * np.pi * np.sqrt(along * across)) * np.exp(-0.5 * (x**2 / along + y**2 / across))
+        near = (
+            share
+            / (2 * np.pi * np.sqrt(along * across))
+            * np.exp(-0.5 * (squares_along / along + squares_across / across))
+        )
         member = near / (near + (1 - share) / room)
         total = max(float(member.sum()), 1e-9)
         share = min(max(total / max(len(x), 1), 1e-3), 1 - 1e-3)
-        along = max(float(member @ x**2) / total, (0.01 * frames.lane) ** 2)
-        across = max(float(member @ y**2) / total, (0.01 * frames.lane) ** 2)
+        along = max(float((member * squares_along).sum()) / total, (0.01 * frames.lane) ** 2)
+        across = max(float((member * squares_across).sum()) / total, (0.01 * frames.lane) ** 2)
     across_sd = float(np.sqrt(across / 2))
     return RowModel(
         along=float(np.sqrt(along / 2)),

@@ -171,10 +171,14 @@ class FeatureSet:
         wanted = np.asarray(ids, dtype=np.int64)
         if len(self) == 0:
             return np.full(wanted.shape, -1, dtype=np.int64)
-        order = np.argsort(self.ids)
-        slot = np.minimum(np.searchsorted(self.ids, wanted, sorter=order), len(self) - 1)
-        found = order[slot]
+        slot = np.minimum(np.searchsorted(self.ids, wanted, sorter=self._by_id), len(self) - 1)
+        found = self._by_id[slot]
         return np.where(self.ids[found] == wanted, found, -1)
+
+    @cached_property
+    def _by_id(self) -> IntArray:
+        """The positions in the order of the ids; rows ask one after the other where their trees stand."""
+        return np.argsort(self.ids)
 
     @cached_property
     def tree(self) -> cKDTree:

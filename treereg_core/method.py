@@ -128,7 +128,10 @@ class CoarseAligner(Method):
 
 
 class RowDetector(Method):
-    """Finds the planting rows of one survey."""
+    """Finds the planting rows of one survey.
+
+    Those of two large surveys are looked for at the same time, in two threads, where a run has several.
+    """
 
     role = "row detector"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -12,7 +13,7 @@ import numpy as np
 from pydantic import SerializeAsAny
 
 from treereg_core.errors import NoRegistration
-from treereg_core.features import FeatureSet
+from treereg_core.features import WORTH_THREADS, FeatureSet
 from treereg_core.method import (
     Context,
     FeatureFilter,
@@ -138,7 +139,7 @@ class Run:
             case FeatureFilter():
                 return [replace(state, pair=stage.select(pair, self.context))]
             case RowDetector():
-                rows = MatchedRows(self.detect(stage, pair.reference), self.detect(stage, pair.source), NO_MATCHES)
+                rows = MatchedRows(*self.detect_both(stage, pair), NO_MATCHES)
                 return [State(Pair(pair.reference, pair.source, pair.reference_from_source, rows))]
             case RowMatcher():
                 return [State(matched, rows=matched.rows) for matched in stage.match(pair, self.context)]
@@ -146,6 +147,14 @@ class Run:
                 registration = stage.register(pair, self.context)
                 return [State(pair.at(registration.transform), registration, state.rows)]
         raise TypeError(f"{stage.name} of the role {stage.role} cannot be a stage of a pipeline")
+
+    def detect_both(self, detector: RowDetector, pair: Pair) -> tuple[Rows, Rows]:
+        """The rows of reference and source; those of large surveys at the same time, where there are threads for it."""
+        if self.context.threads == 1 or min(len(pair.reference), len(pair.source)) < WORTH_THREADS:
+            return self.detect(detector, pair.reference), self.detect(detector, pair.source)
+        with ThreadPoolExecutor(1) as other:
+            source = other.submit(self.detect, detector, pair.source)
+            return self.detect(detector, pair.reference), source.result()
 
     def detect(self, detector: RowDetector, features: FeatureSet) -> Rows:
         """The rows of one survey, remembered by detector and features."""

@@ -31,6 +31,8 @@ GEOMETRY_TYPES = {
     "GeometryCollection": 0,
 }
 """The depth at which each type of geometry holds its positions."""
+LARGEST = 1e300
+"""A coordinate that is not smaller is no number to reckon with."""
 
 
 def features_of(document: Any, path: Path) -> list[dict[str, Any]]:
@@ -144,22 +146,30 @@ def _rings(polygon: Any, index: int, path: Path) -> list[list[Any]]:
 
 def _xy(positions: list[Any], feature_of_position: NDArray[np.int64], path: Path) -> FloatArray:
     """Positions as an array (n, 2), without further dimensions. `InputError` names the feature of the first bad one."""
-    if set(map(type, positions)) == {list}:
-        lengths = set(map(len, positions))
-        if min(lengths) >= 2:
-            flat = list(chain.from_iterable(positions if lengths == {2} else [p[:2] for p in positions]))
-            if set(map(type, flat)) <= {int, float}:
-                try:
-                    xy = np.array(flat, dtype=np.float64).reshape(-1, 2)
-                except OverflowError:
-                    xy = np.full((len(positions), 2), np.inf)
-                finite = np.isfinite(xy).all(axis=1)
-                if finite.all():
-                    return xy
+    xy = _numbers(positions)
+    if xy is not None:
+        return xy
     for position, index in zip(positions, feature_of_position, strict=True):
         if not is_position(position):
             raise _bad_position(int(index), path)
     raise _bad_position(int(feature_of_position[0]), path)
+
+
+def _numbers(positions: list[Any]) -> FloatArray | None:
+    """Positions as an array (n, 2), all checked at once; None when one of them is none, or too large."""
+    if set(map(type, positions)) != {list}:
+        return None
+    lengths = set(map(len, positions))
+    if min(lengths) < 2:
+        return None
+    flat = list(chain.from_iterable(positions if lengths == {2} else [p[:2] for p in positions]))
+    if not set(map(type, flat)) <= {int, float}:
+        return None
+    try:
+        xy = np.array(flat, dtype=np.float64).reshape(-1, 2)
+    except OverflowError:
+        return None
+    return xy if bool((np.abs(xy) < LARGEST).all()) else None
 
 
 def is_position(value: Any) -> bool:
@@ -167,7 +177,7 @@ def is_position(value: Any) -> bool:
     return (
         isinstance(value, list)
         and len(value) >= 2
-        and all(type(v) in (int, float) and abs(v) < 1e300 for v in value[:2])
+        and all(type(v) in (int, float) and abs(v) < LARGEST for v in value[:2])
     )
 
 
@@ -215,11 +225,11 @@ def move(features: list[dict[str, Any]], moved: Callable[[FloatArray], FloatArra
     """Move every position of the features in place; a third dimension stays, and boxes (`bbox`) go, being outdated."""
     shapes = [feature.get("geometry") for feature in features]
     positions = positions_of(shapes)
-    if not all(map(is_position, positions)):
-        raise InputError(f"{path} has coordinates that are not finite numbers; mend or remove them.")
     if positions:
-        xy = moved(np.array([p[:2] for p in positions], dtype=np.float64))
-        for position, new in zip(positions, np.round(xy, 9).tolist(), strict=True):
+        xy = _numbers(positions)
+        if xy is None:
+            raise InputError(f"{path} has coordinates that are not finite numbers; mend or remove them.")
+        for position, new in zip(positions, np.round(moved(xy), 9).tolist(), strict=True):
             position[:2] = new
     for item in chain(features, (shape for shape in shapes if shape)):
         item.pop("bbox", None)

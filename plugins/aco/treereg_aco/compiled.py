@@ -20,12 +20,15 @@ PACKAGE = Path(__file__).parent
 
 
 def compiled(function: F) -> F:
-    """The function, compiled by numba when it is first called and kept on disk for later runs."""
+    """The function, compiled by numba when it is first called and kept on disk for later runs.
+
+    It runs beside other threads, so it must change nothing that they see.
+    """
     # numba looks only at the file that a function stands in: a change to a function that it calls would go unnoticed
     before = getattr(config, SETTING)
     setattr(config, SETTING, str(folder(before)))
     try:
-        return cast(F, numba.njit(cache=True)(function))
+        return cast(F, numba.njit(cache=True, nogil=True)(function))
     finally:
         setattr(config, SETTING, before)
 

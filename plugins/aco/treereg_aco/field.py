@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from treereg_aco.waves import PEAKS, window_peaks
-from treereg_core.features import BoolArray, FeatureSet, IntArray
+from treereg_aco.waves import CHANCE, PEAKS, grow, window_peaks
+from treereg_core.features import FeatureSet, IntArray, nearest
 from treereg_core.transform import FloatArray
 
 # Trees in a window; distance of windows and their largest radius in tree distances.
@@ -19,10 +18,6 @@ RADIUS = 8.0
 # Waves that are looked for, per tree distance, and the grid of wave vectors.
 LONGEST, SHORTEST = 1 / 3.4, 1 / 0.75
 GRID = 0.05
-# Trees that stand anywhere reach this power, the highest of hundreds, in one window of a hundred.
-CHANCE = 11.0
-# Neighbouring windows show the same rows when their wave vectors differ by less than this share of their length.
-SAME = 0.3
 # Lines with at least this share of the strongest ones' power can be the rows.
 STRONG = 0.3
 # Line spacings that differ by less than this share are the same, as on a square lattice.
@@ -65,8 +60,8 @@ class Field:
 def tree_distance(features: FeatureSet) -> float:
     """Side of the square that a tree has to itself, metres: the median, over trees, of the room of its neighbours."""
     count = min(max(len(features) // 4, 3), 12, len(features) - 1)
-    distance, _ = features.tree.query(features.xy, k=[count + 1])
-    return float(np.median(distance) * np.sqrt(np.pi / count))
+    distance, _ = nearest(features.tree, features.xy, np.inf, count + 1, order=features.tree.indices)
+    return float(np.median(distance[:, count]) * np.sqrt(np.pi / count))
 
 
 def row_field(features: FeatureSet) -> Field:
@@ -96,7 +91,8 @@ def field_of(features: FeatureSet, side: float) -> Field:
         seed = int(np.argmax(np.where(free, windows.power[:, 0], 0)))
         if not free[seed] or windows.power[seed, 0] < CHANCE:
             break
-        grown = [grow(windows, seed, peak, free) for peak in range(PEAKS) if windows.power[seed, peak] >= CHANCE]
+        peaks = [peak for peak in range(PEAKS) if windows.power[seed, peak] >= CHANCE]
+        grown = [grow(windows.waves, windows.power, windows.near, free, (seed, peak)) for peak in peaks]
         most = max(power.sum() for _, power in grown)
         chosen, power = widest(features, home, side, [(w, p) for w, p in grown if p.sum() >= STRONG * most])
         inside = power > 0
@@ -127,34 +123,6 @@ def windows_of(features: FeatureSet, side: float) -> Windows:
     waves, power = window_peaks(features.xy, centre, members, GRID / side, LONGEST / side, SHORTEST / side)
     near = cKDTree(centre).query(centre, k=list(range(1, min(9, len(centre)) + 1)))[1]
     return Windows(centre, waves, power, np.asarray(near, dtype=np.int64))
-
-
-def grow(windows: Windows, seed: int, peak: int, free: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """The waves (m, 2) of one block and their power (m,), 0 where it does not reach.
-
-    From one wave of one window outward, the clearest first: each window takes of its own waves the one most like what
-    its neighbours took, if there is one.
-    """
-    wave, power = np.zeros((len(free), 2)), np.zeros(len(free))
-    waiting = [(-windows.power[seed, peak], seed, *windows.waves[seed, peak])]
-    while waiting:
-        negative, here, x, y = heapq.heappop(waiting)
-        if power[here] > 0:
-            continue
-        wave[here], power[here] = (x, y), -negative
-        for other in windows.near[here]:
-            if not free[other] or power[other] > 0:
-                continue
-            grown = windows.near[other][power[windows.near[other]] > 0]
-            expected = wave[grown].mean(axis=0) if len(grown) else wave[here]
-            own = windows.waves[other]
-            own = own * np.where(own @ expected < 0, -1, 1)[:, None]
-            unlike = np.hypot(*(own - expected).T) / np.hypot(*expected)
-            worth = np.where(windows.power[other] >= CHANCE, windows.power[other] * (1 - unlike / SAME), 0)
-            best = int(np.argmax(worth))
-            if worth[best] > 0:
-                heapq.heappush(waiting, (-windows.power[other, best], int(other), *own[best]))
-    return wave, power
 
 
 def widest(

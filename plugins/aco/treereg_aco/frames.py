@@ -7,15 +7,16 @@ move them.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from treereg_aco.field import STEP, Field, row_field
-from treereg_aco.waves import comb
+from treereg_aco.waves import add_comb
 from treereg_core.errors import NoRegistration
-from treereg_core.features import FeatureSet, IntArray
+from treereg_core.features import FeatureSet, IntArray, nearest
 from treereg_core.transform import FloatArray
 
 # Neighbours of a tree that are looked at.
@@ -28,6 +29,8 @@ WIDEST = 1.3
 FITS = 0.6
 # Width, in row spacings, of the strip along a row in which steps count as being along it.
 STRIP = 0.12
+# So many trees are looked at at a time.
+AT_A_TIME = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +68,10 @@ def row_frames(features: FeatureSet, side: float) -> Frames:
     length = np.hypot(*wave.T)
     along = np.column_stack([-wave[:, 1], wave[:, 0]]) / length[:, None]
     count = min(NEIGHBOURS, len(features) - 1)
-    near = np.asarray(features.tree.query(features.xy, k=list(range(2, count + 2)))[1], dtype=np.int64)
-    step = steps(features.xy, along, near)
-    spacing = (spacings(field, side, at[:, 0], step, 1 / length)[at] * weight).sum(axis=1)
-    return Frames(along, spacing, 1 / length, near, lane(step, spacing, side))
+    near = nearest(features.tree, features.xy, np.inf, count + 1, order=features.tree.indices)[1][:, 1:]
+    fit = comb_fit(steps(features.xy, along, near), (field, at[:, 0]), 1 / length, side)
+    spacing = (spacings(field, side, fit)[at] * weight).sum(axis=1)
+    return Frames(along, spacing, 1 / length, near, lane(steps(features.xy, along, near), spacing, side))
 
 
 def around(field: Field, xy: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -89,11 +92,13 @@ class Steps:
     across: FloatArray
 
 
-def steps(xy: FloatArray, along: FloatArray, near: IntArray) -> Steps:
-    """All steps to neighbours."""
-    i = np.repeat(np.arange(len(xy)), near.shape[1])
-    forward, across = between(xy, along, i, near.ravel())
-    return Steps(i, np.abs(forward), across * np.where(forward < 0, -1, 1))
+def steps(xy: FloatArray, along: FloatArray, near: IntArray) -> Iterator[Steps]:
+    """All steps to neighbours, those of some trees at a time: of all at once they would fill gigabytes."""
+    for begin in range(0, len(xy), AT_A_TIME):
+        some = near[begin : begin + AT_A_TIME]
+        i = np.repeat(np.arange(begin, begin + len(some)), some.shape[1])
+        forward, across = between(xy, along, i, some.ravel())
+        yield Steps(i, np.abs(forward), across * np.where(forward < 0, -1, 1))
 
 
 def between(xy: FloatArray, along: FloatArray, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -101,20 +106,33 @@ def between(xy: FloatArray, along: FloatArray, i: IntArray, j: IntArray) -> tupl
 
     Measured in the mean of the two frames, so that along a bend, which is a circle, nothing is across.
     """
-    mean = along[i] + along[j] * np.where((along[i] * along[j]).sum(axis=-1) < 0, -1, 1)[..., None]
-    mean /= np.sqrt((mean**2).sum(axis=-1))[..., None]
-    vector = xy[j] - xy[i]
-    forward = (vector * mean).sum(axis=-1)
-    return forward, vector[..., 1] * mean[..., 0] - vector[..., 0] * mean[..., 1]
+    (xi, yi), (xj, yj) = along[i].T, along[j].T
+    sense = np.where(xi * xj + yi * yj < 0, -1, 1)
+    x, y = xi + xj * sense, yi + yj * sense
+    length = np.sqrt(x * x + y * y)
+    x, y = x / length, y / length
+    dx, dy = (xy[j] - xy[i]).T
+    return (dx * x + dy * y).T, (dy * x - dx * y).T
 
 
-def spacings(field: Field, side: float, place: IntArray, step: Steps, row_spacing: FloatArray) -> FloatArray:
-    """The in-row spacing at each place of the field, metres: the longest comb that the steps along rows fit well."""
-    strip = STRIP * row_spacing[step.i]
-    kept = (np.abs(step.across) < 2.5 * strip) & (step.along > 0.15 * side)
-    weight = np.exp(-0.5 * (step.across[kept] / strip[kept]) ** 2)
+def comb_fit(
+    stepping: Iterable[Steps], home: tuple[Field, IntArray], row_spacing: FloatArray, side: float
+) -> FloatArray:
+    """How well the steps along rows fit combs of `SPACINGS` at each place of the field; `home` has each tree's (n,)."""
+    field, place = home
     frequencies = SPACINGS / side
-    fit = comb(place[step.i[kept]], step.along[kept], weight, frequencies, len(field.block))
+    fit = np.zeros((len(field.block), len(frequencies)))
+    for step in stepping:
+        strip = STRIP * row_spacing[step.i]
+        kept = (np.abs(step.across) < 2.5 * strip) & (step.along > 0.15 * side)
+        weight = np.exp(-0.5 * (step.across[kept] / strip[kept]) ** 2)
+        add_comb(place[step.i[kept]], step.along[kept], weight, frequencies, fit)
+    return fit
+
+
+def spacings(field: Field, side: float, fit: FloatArray) -> FloatArray:
+    """The in-row spacing at each place of the field, metres: the longest comb that the steps along rows fit well."""
+    frequencies = SPACINGS / side
     near = cKDTree(field.centre).query(field.centre, k=list(range(1, min(9, len(field.block)) + 1)))[1]
     same = field.block[near] == field.block[:, None]
     for _ in range(2):
@@ -131,10 +149,13 @@ def spacings(field: Field, side: float, place: IntArray, step: Steps, row_spacin
     return np.where(height.max(axis=1) > 0, 1 / fine, side)
 
 
-def lane(step: Steps, spacing: FloatArray, side: float) -> float:
+def lane(stepping: Iterable[Steps], spacing: FloatArray, side: float) -> float:
     """The distance from a row to the nearest other one, metres: where trees beside a tree are most frequent."""
-    beside = np.abs(step.across[step.along < 1.6 * spacing[step.i]]) / side
-    count = np.histogram(beside, np.arange(0, 2.5, 0.05))[0]
+    bins = np.arange(0, 2.5, 0.05)
+    count = np.zeros(len(bins) - 1, dtype=np.int64)
+    for step in stepping:
+        beside = np.abs(step.across[step.along < 1.6 * spacing[step.i]]) / side
+        count += np.histogram(beside, bins)[0]
     smooth = np.convolve(count, [1, 2, 3, 2, 1], mode="same")
     first = int(0.3 / 0.05)
     inner = smooth[first:-1]

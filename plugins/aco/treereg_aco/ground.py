@@ -47,14 +47,15 @@ def step(ground: Ground, i: int, j: int) -> tuple[float, float, float]:
     Also 1, or -1 where their frames look opposite ways. Where rows turn too much from one to the other, as from block
     to block, the one is as far aside as can be.
     """
-    xi, yi = ground.along[i]
-    xj, yj = ground.along[j]
+    # number by number: slices of arrays would each take longer than all of this
+    xi, yi = ground.along[i, 0], ground.along[i, 1]
+    xj, yj = ground.along[j, 0], ground.along[j, 1]
     sense = 1.0 if xi * xj + yi * yj >= 0 else -1.0
     x, y = xi + sense * xj, yi + sense * yj
     length = np.hypot(x, y)
     if length < ONE_WAY:
         return 0.0, FAR, sense
-    dx, dy = ground.xy[j] - ground.xy[i]
+    dx, dy = ground.xy[j, 0] - ground.xy[i, 0], ground.xy[j, 1] - ground.xy[i, 1]
     return (dx * x + dy * y) / length, (dy * x - dx * y) / length, sense
 
 

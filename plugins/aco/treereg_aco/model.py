@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logit
 
 from treereg_aco.frames import Frames, steps
-from treereg_core.features import BoolArray, FeatureSet, IntArray
+from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
 from treereg_core.transform import FloatArray
 
 # Share of a lane within which a tree can still belong to a row.
@@ -44,19 +44,27 @@ def first_model(features: FeatureSet, frames: Frames) -> RowModel:
     The two are told apart by expectation maximisation (Dempster, Laird & Rubin 1977,
     doi:10.1111/j.2517-6161.1977.tb01600.x).
     """
-    step = steps(features.xy, frames.along, frames.near)
-    spacing, lane = frames.spacing[step.i], frames.lane
-    x, y = step.along - spacing, step.across
-    box = (np.abs(x) < 0.5 * spacing) & (np.abs(y) < 0.4 * lane)
-    x, y, room = x[box], y[box], spacing[box] * 0.8 * lane
+    lane = frames.lane
+    found = []
+    for step in steps(features.xy, frames.along, frames.near):
+        spacing = frames.spacing[step.i]
+        x, y = step.along - spacing, step.across
+        box = (np.abs(x) < 0.5 * spacing) & (np.abs(y) < 0.4 * lane)
+        found.append((x[box], y[box], spacing[box] * 0.8 * lane))
+    x, y, room = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    squares_along, squares_across = x**2, y**2
     along, across, share = (0.15 * float(np.median(frames.spacing))) ** 2, (0.1 * lane) ** 2, 0.8
     for _ in range(40):
-        near = share / (2 * np.pi * np.sqrt(along * across)) * np.exp(-0.5 * (x**2 / along + y**2 / across))
+        near = (
+            share
+            / (2 * np.pi * np.sqrt(along * across))
+            * np.exp(-0.5 * (squares_along / along + squares_across / across))
+        )
         member = near / (near + (1 - share) / room)
         total = max(float(member.sum()), 1e-9)
         share = min(max(total / max(len(x), 1), 1e-3), 1 - 1e-3)
-        along = max(float(member @ x**2) / total, (0.01 * frames.lane) ** 2)
-        across = max(float(member @ y**2) / total, (0.01 * frames.lane) ** 2)
+        along = max(float((member * squares_along).sum()) / total, (0.01 * frames.lane) ** 2)
+        across = max(float((member * squares_across).sum()) / total, (0.01 * frames.lane) ** 2)
     across_sd = float(np.sqrt(across / 2))
     return RowModel(
         along=float(np.sqrt(along / 2)),
@@ -88,7 +96,7 @@ def evidence(features: FeatureSet, in_rows: BoolArray) -> FloatArray:
     if strangers < FEW // 2 or len(features) - strangers < FEW:
         return total
     count = min(24, len(features))
-    near = features.tree.query(features.xy, k=list(range(1, count + 1)))[1]
+    near = nearest(features.tree, features.xy, np.inf, count, order=features.tree.indices)[1]
     size = np.log(features.area)
     for values in (logit(np.clip(features.confidence, 1e-3, 1 - 1e-3)), size - np.median(size[near], axis=1)):
         inside, inside_sd = centre_and_spread(values[in_rows])

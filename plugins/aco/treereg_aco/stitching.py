@@ -40,14 +40,23 @@ def stitched(rows: list[IntArray], xy: FloatArray, frames: Frames, reach: float)
     facing &= turn > SAME_WAY
     good = (a // 2 != b // 2) & facing & (far >= BESIDE * spacing) & (off <= OFF * frames.lane)
     joined: dict[int, int] = {}
-    group = np.arange(len(rows))
+    group = list(range(len(rows)))
     for k in np.flatnonzero(good)[np.argsort(far[good], kind="stable")]:
         first, second = int(a[k]), int(b[k])
-        if first in joined or second in joined or group[first // 2] == group[second // 2]:
+        whole, other = found_in(group, first // 2), found_in(group, second // 2)
+        if first in joined or second in joined or whole == other:
             continue
         joined[first], joined[second] = second, first
-        group[group == group[second // 2]] = group[first // 2]
+        group[other] = whole
     return chains(rows, joined)
+
+
+def found_in(group: list[int], row: int) -> int:
+    """The group of a row, in a forest where each points to one further up; paths are halved on the way."""
+    while group[row] != row:
+        group[row] = group[group[row]]
+        row = group[row]
+    return row
 
 
 def chains(rows: list[IntArray], joined: dict[int, int]) -> list[IntArray]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import heapq
+
 import numpy as np
 
 from treereg_aco.compiled import compiled
-from treereg_core.features import IntArray
+from treereg_core.features import BoolArray, IntArray
 from treereg_core.transform import FloatArray
 
 # Peaks kept for each window.
 PEAKS = 6
+# Trees that stand anywhere reach this power, the highest of hundreds, in one window of a hundred.
+CHANCE = 11.0
+# Neighbouring windows show the same rows when their wave vectors differ by less than this share of their length.
+SAME = 0.3
 
 
 @compiled
@@ -43,7 +49,8 @@ def window_peaks(
             turn = np.exp(2j * np.pi * step * y)
             y_wave = np.conj(turn)
             for row in range(half + 2):
-                total[row] += x_wave * y_wave
+                for column in range(2 * half + 1):
+                    total[row, column] += x_wave[column] * y_wave
                 y_wave *= turn
         if count >= 6:
             power = (total.real.T**2 + total.imag.T**2) / count
@@ -84,16 +91,60 @@ def summit(before: float, here: float, after: float) -> float:
 
 
 @compiled
-def comb(window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, windows: int) -> FloatArray:
-    """How well steps along rows fit a comb: the sums of cos(2 pi f a), (windows, frequencies), over pairs of trees.
+def grow(
+    waves: FloatArray, powers: FloatArray, near: IntArray, free: BoolArray, begin: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """The waves (m, 2) of one block of free windows (m,) and their power (m,), 0 where it does not reach.
+
+    `waves` and `powers` are as from `window_peaks`, `near` (m, k) the windows around each; `begin` is a window and one
+    of its peaks. From that one outward, the clearest first: each window takes of its own waves the one most like what
+    its neighbours took, if there is one.
+    """
+    wave, power = np.zeros((len(free), 2)), np.zeros(len(free))
+    seed, peak = begin
+    waiting = [(-powers[seed, peak], seed, waves[seed, peak, 0], waves[seed, peak, 1])]
+    while len(waiting) > 0:
+        negative, here, here_x, here_y = heapq.heappop(waiting)
+        if power[here] > 0:
+            continue
+        wave[here, 0], wave[here, 1], power[here] = here_x, here_y, -negative
+        for other in near[here]:
+            if not free[other] or power[other] > 0:
+                continue
+            x = y = 0.0
+            count = 0
+            for beside in near[other]:
+                if power[beside] > 0:
+                    x, y, count = x + wave[beside, 0], y + wave[beside, 1], count + 1
+            x, y = (x / count, y / count) if count > 0 else (here_x, here_y)
+            best = best_x = best_y = 0.0
+            best_power = 0.0
+            for k in range(PEAKS):
+                if powers[other, k] < CHANCE:
+                    break
+                own_x, own_y = waves[other, k, 0], waves[other, k, 1]
+                if own_x * x + own_y * y < 0:
+                    own_x, own_y = -own_x, -own_y
+                unlike = np.hypot(own_x - x, own_y - y) / np.hypot(x, y)
+                worth = powers[other, k] * (1 - unlike / SAME)
+                if worth > best:
+                    best, best_x, best_y, best_power = worth, own_x, own_y, powers[other, k]
+            if best > 0:
+                heapq.heappush(waiting, (-best_power, other, best_x, best_y))
+    return wave, power
+
+
+@compiled
+def add_comb(
+    window: IntArray, along: FloatArray, weight: FloatArray, frequencies: FloatArray, total: FloatArray
+) -> None:
+    """How well steps along rows fit a comb: add cos(2 pi f a) to `total` (windows, frequencies), over pairs of trees.
 
     `window`, `along` (metres) and `weight` are of the pairs (p,); `frequencies` per metre, evenly spaced.
     """
-    total = np.zeros((windows, len(frequencies)))
     for pair in range(len(window)):
         turn = np.exp(2j * np.pi * (frequencies[1] - frequencies[0]) * along[pair])
         wave = weight[pair] * np.exp(2j * np.pi * frequencies[0] * along[pair])
         for k in range(len(frequencies)):
             total[window[pair], k] += wave.real
             wave *= turn
-    return total

@@ -81,6 +81,16 @@ class Profile:
         """Where along each row ends (r,), metres."""
         return self.line_u[self.start[1:] - 1]
 
+    def key(self, row: IntArray, place: FloatArray) -> FloatArray:
+        """Places along rows (k,), metres, on one axis, row after row, far enough apart for places beyond their ends."""
+        apart = float(np.ptp(self.u)) + 1.0
+        return np.asarray(row * 3 * apart + place - self.u.min())
+
+    @cached_property
+    def keys(self) -> FloatArray:
+        """The keys of all trees (n,), ascending."""
+        return np.sort(self.key(self.row, self.u))
+
     def across(self, row: IntArray, place: FloatArray) -> FloatArray:
         """Where across rows run (k, ...) at these places along (k, ...), metres; beyond a row's end as at its end."""
         apart = float(np.ptp(self.line_u)) + 1.0
@@ -172,10 +182,8 @@ class Candidates:
 
 def _to_nearest(profile: Profile, row: IntArray, place: FloatArray) -> FloatArray:
     """How far along the nearest tree of a row is from each place (k,), metres."""
-    low, apart = profile.u.min(), float(np.ptp(profile.u)) + 1.0
-    # far enough apart for places beyond the ends of rows
-    keys = np.sort(profile.row * 3 * apart + profile.u - low)
-    wanted = row * 3 * apart + place - low
+    keys = profile.keys
+    wanted = profile.key(row, place)
     at = np.searchsorted(keys, wanted)
     after = keys[np.minimum(at, len(keys) - 1)]
     before = keys[np.maximum(at - 1, 0)]
@@ -185,7 +193,7 @@ def _to_nearest(profile: Profile, row: IntArray, place: FloatArray) -> FloatArra
 def frame_of(rows: Rows, features: FeatureSet) -> Rigid:
     """Takes a survey to a frame about its middle whose first axis is the common direction of its rows."""
     trees, row = trees_of(rows, features)
-    pieces = [trees[row == k] for k in np.unique(row)]
+    pieces = np.split(trees, np.flatnonzero(np.diff(row)) + 1)
     x, y = common_direction([features.ids[piece] for piece in pieces], features)
     turn = np.array([[x, y], [-y, x]])
     return Rigid(turn, -turn @ features.xy[trees].mean(axis=0))

@@ -73,7 +73,7 @@ class Search:
         reference, source = self.reference.features, self.source.features
         sigma = before.sigma if before else self.reach / 2
         places = self._places(self.source, moved)
-        distance, target = nearest(self.tree, places, self.reach, NEAREST, self.threads)
+        distance, target = nearest(self.tree, places, self.reach, NEAREST, self.threads, source.tree.indices)
         j, column = np.nonzero(target < self.tree.n)
         i, square = target[j, column], distance[j, column] ** 2
         stranger = STRANGERS * 2 * sigma**2 / self.reach**2 * self.strange[0][i] * self.strange[1][j]

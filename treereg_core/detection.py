@@ -38,11 +38,12 @@ class RowOptions(BaseModel):
 
 @dataclass(frozen=True)
 class RowPlan:
-    """The filters and the detector of a run, each with its settings."""
+    """The filters and the detector of a run, each with its settings; `plugins` names the distribution of each."""
 
     options: RowOptions
     filters: tuple[FeatureFilter, ...]
     detector: RowDetector
+    plugins: Mapping[str, str]
 
 
 def detect_rows(
@@ -87,7 +88,7 @@ def row_plan(options: RowOptions, registry: Registry) -> RowPlan:
     stages = [made(stage) for stage in expression.stages]
     filters = tuple(stage for stage in stages if isinstance(stage, FeatureFilter))
     (detector,) = (stage for stage in stages if isinstance(stage, RowDetector))
-    return RowPlan(options, filters, detector)
+    return RowPlan(options, filters, detector, registry.origins(options.method, (stage.name for stage in stages)))
 
 
 def carry_out(plan: RowPlan, features: FeatureSet, progress: Callable[[str], None] = silent) -> Rows:

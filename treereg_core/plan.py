@@ -76,8 +76,7 @@ def plan_for(options: Options, registry: Registry) -> Plan:
     def made(name: str) -> Any:
         return record(classes[name], chosen.get(name, {}), lambda field: f"{name}.{field}")
 
-    names = {*classes, *(word.strip() for word in options.method.split("+"))}  # recipes as well as what they stand for
-    plugins = {name: registry.entry(name).origin for name in sorted(names)}
+    plugins = registry.origins(options.method, classes)
     if options.memory:
         check_memory(options.memory, plugins)
     return Plan(

@@ -86,6 +86,11 @@ class Registry:
         """The usable names whose offer is of one of these kinds (roles or `Recipe`)."""
         return [entry.name for entry in self.entries if entry.problem is None and is_of(entry.offer, kinds)]
 
+    def origins(self, method: str, stages: Iterable[str]) -> dict[str, str]:
+        """The distribution of each stage of an expression, and of each recipe that it names, by name."""
+        words = (word.strip() for word in method.split("+"))
+        return {name: self.entry(name).origin for name in sorted({*stages, *words})}
+
     def entry(self, name: str, wanted: tuple[type, ...] = (Method, Recipe)) -> Entry:
         """What stands under this name. `UsageError` when nothing does, `PluginError` when it is broken.
 

@@ -126,6 +126,13 @@ def centroids_of(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return read.features.ids, read.features.xy + np.array(read.frame.origin) - ORIGIN
 
 
+def test_who_found_them_is_named(field: Path, capsys: Output) -> None:
+    assert main(["rows", "field", "--method", "clean"]) == 0
+    document = json.loads(Path("rows.geojson").read_text())
+    assert document["plugins"] == {"alleys": "test 1", "alone": "test 1", "clean": "test 1"}
+    assert "clean (test 1)" in capsys.readouterr().out
+
+
 def test_coordinates_have_nine_decimals(field: Path) -> None:
     assert main(["rows", "field", *ALLEYS, "-q"]) == 0
     numbers = [n for line in found() for vertex in line["geometry"]["coordinates"] for n in vertex]

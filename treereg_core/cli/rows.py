@@ -61,7 +61,7 @@ def rows(
             f"{read.detections} shows no rows ({reason}); give a survey of an orchard that is planted in rows, or "
             "another --method."
         ) from reason
-    io.write_rows(read, found, out)
+    io.write_rows(read, found, out, plan.plugins)
     if not console.quiet:
         console.show(summary(read, found, plan, out))
 
@@ -84,7 +84,7 @@ def summary(survey: Survey, found: Rows, plan: RowPlan, out: Path) -> str:
     lengths = [step.sum() for step in steps]
     inside = sum(map(len, found.trees))
     lines: dict[str, str | Sequence[str]] = {
-        "method": plan.options.method,
+        "method": f"{plan.options.method} ({', '.join(dict.fromkeys(plan.plugins.values()))})",
         "trees in rows": f"{inside} of {len(survey.features)} ({len(survey.features) - inside} in none)",
         "length of a row": f"{np.median(lengths):.1f} m (median; {min(lengths):.1f} to {max(lengths):.1f} m)",
         "tree to tree": f"{np.median(np.concatenate(steps)):.2f} m (median)",

@@ -123,8 +123,10 @@ def matched(
     return columns, np.stack([starts, ends], axis=1)
 
 
-def write_rows(survey: Survey, rows: Rows, path: Path) -> None:
+def write_rows(survey: Survey, rows: Rows, path: Path, plugins: Mapping[str, str]) -> None:
     """Write one LineString per row through the centroids of its trees, as GeoJSON in WGS 84.
+
+    `plugins` names the distribution of each method that found them; it becomes a member of the collection.
 
     Rows are of two trees or more, in the order and sense in which they are to be counted. Properties: `row` and
     `tree_numbers`, counted from 1, `trees` (indices of the features in the survey's file) and `length_m`, along the
@@ -151,7 +153,7 @@ def write_rows(survey: Survey, rows: Rows, path: Path) -> None:
     except OSError as error:
         raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
     settle_left(path.parent)
-    write_features(features, path)
+    write_features(features, path, {"plugins": dict(plugins)})
 
 
 def is_survey_file(name: str) -> bool:

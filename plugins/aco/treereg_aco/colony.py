@@ -170,7 +170,7 @@ def extend(start: int, sense: float, colony: Colony, ant: int, rng: np.random.Ge
 @compiled
 def power(base: float, exponent: float) -> float:
     """A positive number to a power; square roots, the usual case, take a fraction of the time of others."""
-    return np.sqrt(base) if exponent == 0.5 else base**exponent
+    return float(np.sqrt(base)) if exponent == 0.5 else base**exponent
 
 
 @compiled

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from treereg_aco.nearby import nearby
 from treereg_aco.waves import CHANCE, PEAKS, grow, window_peaks
-from treereg_core.features import FeatureSet, IntArray, nearest
+from treereg_core.features import FeatureSet, IntArray
 from treereg_core.transform import FloatArray
 
 # Trees in a window; distance of windows and their largest radius in tree distances.
@@ -60,8 +61,8 @@ class Field:
 def tree_distance(features: FeatureSet) -> float:
     """Side of the square that a tree has to itself, metres: the median, over trees, of the room of its neighbours."""
     count = min(max(len(features) // 4, 3), 12, len(features) - 1)
-    distance, _ = nearest(features.tree, features.xy, np.inf, count + 1, order=features.tree.indices)
-    return float(np.median(distance[:, count]) * np.sqrt(np.pi / count))
+    distance = np.concatenate([found for _, found, _ in nearby(features, [count + 1])])
+    return float(np.median(distance) * np.sqrt(np.pi / count))
 
 
 def row_field(features: FeatureSet) -> Field:

@@ -14,9 +14,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from treereg_aco.field import STEP, Field, row_field
+from treereg_aco.nearby import AT_A_TIME, nearby
 from treereg_aco.waves import add_comb
 from treereg_core.errors import NoRegistration
-from treereg_core.features import FeatureSet, IntArray, nearest
+from treereg_core.features import FeatureSet, IntArray
 from treereg_core.transform import FloatArray
 
 # Neighbours of a tree that are looked at.
@@ -29,8 +30,6 @@ WIDEST = 1.3
 FITS = 0.6
 # Width, in row spacings, of the strip along a row in which steps count as being along it.
 STRIP = 0.12
-# So many trees are looked at at a time.
-AT_A_TIME = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,9 @@ def row_frames(features: FeatureSet, side: float) -> Frames:
     length = np.hypot(*wave.T)
     along = np.column_stack([-wave[:, 1], wave[:, 0]]) / length[:, None]
     count = min(NEIGHBOURS, len(features) - 1)
-    near = nearest(features.tree, features.xy, np.inf, count + 1, order=features.tree.indices)[1][:, 1:]
+    near = np.empty((len(features), count), dtype=np.int64)
+    for some, _, found in nearby(features, range(2, count + 2)):
+        near[some] = found
     fit = comb_fit(steps(features.xy, along, near), (field, at[:, 0]), 1 / length, side)
     spacing = (spacings(field, side, fit)[at] * weight).sum(axis=1)
     return Frames(along, spacing, 1 / length, near, lane(steps(features.xy, along, near), spacing, side))

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.special import logit
 
 from treereg_aco.frames import Frames, steps
-from treereg_core.features import BoolArray, FeatureSet, IntArray, nearest
+from treereg_aco.nearby import nearby
+from treereg_core.features import BoolArray, FeatureSet, IntArray
 from treereg_core.transform import FloatArray
 
 # Share of a lane within which a tree can still belong to a row.
@@ -96,9 +97,11 @@ def evidence(features: FeatureSet, in_rows: BoolArray) -> FloatArray:
     if strangers < FEW // 2 or len(features) - strangers < FEW:
         return total
     count = min(24, len(features))
-    near = nearest(features.tree, features.xy, np.inf, count, order=features.tree.indices)[1]
     size = np.log(features.area)
-    for values in (logit(np.clip(features.confidence, 1e-3, 1 - 1e-3)), size - np.median(size[near], axis=1)):
+    usual = np.empty(len(size))
+    for some, _, near in nearby(features, range(1, count + 1)):
+        usual[some] = np.median(size[near], axis=1)
+    for values in (logit(np.clip(features.confidence, 1e-3, 1 - 1e-3)), size - usual):
         inside, inside_sd = centre_and_spread(values[in_rows])
         outside, outside_sd = centre_and_spread(values[~in_rows])
         odds = 0.5 * ((values - outside) / outside_sd) ** 2 - 0.5 * ((values - inside) / inside_sd) ** 2

@@ -47,13 +47,17 @@ class _Case:
     alone: Comparison
     opponents: tuple[tuple[Affine, Comparison], ...]
     in_part_only: bool
+    by_chance: bool
 
     @property
     def stands(self) -> float:
         """By how much it beats decoys, less what a small overlap owes to choice.
 
         The smaller the overlap, the more placements there are, and with few trees one of them looks good by chance.
+        Nothing is left where partners lie no nearer than those that chance brings within the gate.
         """
+        if self.by_chance:
+            return -math.inf
         seen = np.concatenate([self.match.covered_reference, self.match.covered_source]).mean()
         return self.alone.margin - CHOICE * max(0.0, 1 - float(seen) / SMALL_OVERLAP)
 
@@ -151,7 +155,9 @@ def _best(evidence: Evidence, pair: Pair, candidates: Sequence[Registration], co
         alone = alone.plus(
             log_prior_at_home(match.transform, pair.source, context.georeference_sd, evidence.spacing / 2)
         )
-    return _Case(distinct[best], match, alone, tuple(opponents), in_part_only(evidence, match))
+    # Partners anywhere within the gate lie so far off that the mean square is half of its own.
+    by_chance = float((match.distance**2).mean()) >= evidence.gate**2 / 2
+    return _Case(distinct[best], match, alone, tuple(opponents), in_part_only(evidence, match), by_chance)
 
 
 def _verdict(case: _Case, failure: float, max_failure: float, georeference_sd: float | None) -> tuple[Verdict, str]:

@@ -23,11 +23,16 @@ from tests.core.orchards import (
     shifted_by,
     truth_of,
 )
+from treereg_core.api import execute
 from treereg_core.features import FeatureSet
 from treereg_core.judge import Judge
 from treereg_core.judgement import Judgement, Verdict
 from treereg_core.method import Context, Registration
+from treereg_core.options import Options
 from treereg_core.pair import Pair
+from treereg_core.pipeline import Clock
+from treereg_core.plan import plan_for
+from treereg_core.registry import installed
 from treereg_core.simulate import Scene, simulate, simulate_family
 from treereg_core.testing import scenes
 from treereg_core.testing.scenes import moved
@@ -129,6 +134,13 @@ class TestWrong:
     def test_a_cell_over_is_never_accepted(self, family: str, cell: tuple[int, int]) -> None:
         simulation = simulate_family(family, 80)
         assert judged(pair_of(simulation), off_by(simulation, *cell)).verdict is not Verdict.ACCEPTED
+
+    def test_nor_are_partners_that_lie_no_nearer_than_by_chance(self) -> None:
+        simulation = simulate_family("different", 5000196)
+        found = execute(
+            plan_for(Options(threads=1), installed()), (simulation.reference, simulation.source), Clock()
+        ).judgement
+        assert_failed(found)
 
     def test_nor_is_a_placement_of_a_part_of_a_bent_map(self) -> None:
         simulation = simulate_family("distortion_2", 2000149)

@@ -108,9 +108,7 @@ class Affine(Transform):
 
     def __call__(self, points: ArrayLike) -> FloatArray:
         """Move points, shape (n, 2) in metres."""
-        # several times faster for many points than the product of matrices
-        moved = np.einsum("ij,nj->ni", self.linear, np.asarray(points, dtype=np.float64))
-        return np.asarray(moved + self.shift)
+        return np.asarray(np.asarray(points, dtype=np.float64) @ self.linear.T + self.shift)
 
     def __matmul__(self, other: Any) -> Affine:
         """Compose (`other` first); the result is of the wider kind of the two."""

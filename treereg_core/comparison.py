@@ -82,24 +82,24 @@ def in_part_only(evidence: Evidence, match: Match) -> bool:
     Which part it lays is up to the method, and what the others are off by shows in no residual.
     """
     reference, source = evidence.reference.features.xy, match.transform(evidence.source.features.xy)
-    meets = [np.zeros(len(xy), dtype=bool) for xy in (reference, source)]
-    meets[0][match.reference] = meets[1][match.source] = True
     covered = match.covered_reference, match.covered_source
     where = np.concatenate([xy[c] for xy, c in zip((reference, source), covered, strict=True)])
-    block = _blocks(where)
     if len(where) < MANY_BLOCKS * TREES_PER_BLOCK:
         return False
+    meets = [np.zeros(len(xy), dtype=bool) for xy in (reference, source)]
+    meets[0][match.reference] = meets[1][match.source] = True
+    block = _blocks(where)
     rate = np.bincount(block, np.concatenate([m[c] for m, c in zip(meets, covered, strict=True)])) / np.bincount(block)
     if (rate < HARDLY * np.median(rate)).mean() < PART:
         return False
     of_tree = np.full(len(reference), -1)
     of_tree[match.covered_reference] = block[: int(match.covered_reference.sum())]
-    at = of_tree[match.reference]
-    off = (reference[match.reference] - source[match.source])[at >= 0]
-    sums = np.column_stack([np.bincount(at[at >= 0], column) for column in off.T])
-    count = np.bincount(at[at >= 0])
-    varying = ((sums**2).sum(axis=1)[count > 0] / count[count > 0]).sum() - len(count) * off.var(axis=0).sum()
-    return bool(varying > len(off) * (BENT * evidence.spacing) ** 2)
+    inside = match.covered_reference[match.reference]
+    at, off = of_tree[match.reference][inside], (reference[match.reference] - source[match.source])[inside]
+    count = np.bincount(at)
+    mean = np.column_stack([np.bincount(at, column) for column in off.T]) / np.maximum(count, 1)[:, None]
+    varying = float(count @ (mean**2).sum(axis=1)) - len(count) * float(off.var(axis=0).sum())
+    return varying > len(off) * (BENT * evidence.spacing) ** 2
 
 
 def _sum(evidence: Evidence, match: Match, gains: list[FloatArray], counted: list[BoolArray]) -> Comparison:

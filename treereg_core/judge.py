@@ -33,7 +33,7 @@ DECISIVE = 20.0
 TIED = 5.0
 # A smaller failure probability is doubtful to nobody but who asked for a still smaller one.
 CERTAIN_ENOUGH = 1e-3
-# A placement that lays a part of a bent field only is wrong on the whole so often, on simulated orchards.
+# A placement that lays a part of a bent map only is wrong so often at least; of some 200 on simulated orchards one was.
 PART_FAILS = 0.01
 NOTHING = Matches(np.zeros((0, 2), np.int64), np.zeros(0))
 
@@ -63,7 +63,7 @@ class _Case:
 
     @property
     def failure_probability(self) -> float:
-        """That it is wrong: against decoys or its most dangerous rival, whichever is more, or for being a part's."""
+        """That it is wrong: against decoys or its most dangerous rival, whichever is more, or for laying a part."""
         owed = self.alone.margin - self.stands
         against = (self.alone, *(c for _, c in self.opponents))
         failure = max(failure_probability(c.margin - owed, c.prior) for c in against)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -13,7 +12,7 @@ import numpy as np
 from pydantic import SerializeAsAny
 
 from treereg_core.errors import NoRegistration
-from treereg_core.features import WORTH_THREADS, FeatureSet
+from treereg_core.features import WORTH_THREADS, FeatureSet, concurrently
 from treereg_core.method import (
     Context,
     FeatureFilter,
@@ -150,11 +149,11 @@ class Run:
 
     def detect_both(self, detector: RowDetector, pair: Pair) -> tuple[Rows, Rows]:
         """The rows of reference and source; those of large surveys at the same time, where there are threads for it."""
-        if self.context.threads == 1 or min(len(pair.reference), len(pair.source)) < WORTH_THREADS:
-            return self.detect(detector, pair.reference), self.detect(detector, pair.source)
-        with ThreadPoolExecutor(1) as other:
-            source = other.submit(self.detect, detector, pair.source)
-            return self.detect(detector, pair.reference), source.result()
+        large = min(len(pair.reference), len(pair.source)) >= WORTH_THREADS
+        threads = self.context.threads if large else 1
+        both = (pair.reference, pair.source)
+        reference, source = concurrently(lambda features: self.detect(detector, features), both, threads)
+        return reference, source
 
     def detect(self, detector: RowDetector, features: FeatureSet) -> Rows:
         """The rows of one survey, remembered by detector and features."""

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from treereg_core.evidence import Evidence
-from treereg_core.features import IntArray, concurrently, largest
+from treereg_core.features import IntArray, largest
 from treereg_core.side import Side
+from treereg_core.threads import concurrently
 from treereg_core.transform import Affine, FloatArray
 
 Map = NDArray[np.float32]

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from treereg_core.features import WORTH_THREADS, BoolArray, FeatureSet, IntArray, concurrently, nearest
+from treereg_core.features import WORTH_THREADS, BoolArray, FeatureSet, IntArray, nearest
 from treereg_core.heights import HEIGHT
 from treereg_core.side import CLASSES, Side
+from treereg_core.threads import concurrently
 from treereg_core.transform import Affine, FloatArray, Model
 
 # So many pairs of a placement count as much as what is known of decoys.

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from treereg_core.threads import concurrently
 from treereg_core.transform import FloatArray
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 # Points from which threads gain more than they cost.
 WORTH_THREADS = 20_000
@@ -32,14 +29,6 @@ def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
         array = array.copy()
         array.setflags(write=False)
     return array
-
-
-def concurrently(call: Callable[[T], R], items: Iterable[T], threads: int) -> list[R]:
-    """`call` of each item, in order, in so many threads: for large arrays, during which NumPy lets others work."""
-    if threads == 1:
-        return [call(item) for item in items]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(call, items))
 
 
 def largest(values: FloatArray, count: int) -> IntArray:

@@ -13,12 +13,12 @@ from treereg_core.calibration import failure_probability
 from treereg_core.comparison import Comparison, compare, in_part_only, standing
 from treereg_core.evidence import Evidence, Match, mean_statistics
 from treereg_core.expected_error import expected_error, fit_covariance
-from treereg_core.features import concurrently
 from treereg_core.judgement import ExpectedError, Judgement, Matches, Rival, Verdict
 from treereg_core.method import Context, Registration
 from treereg_core.pair import Pair
 from treereg_core.prior import log_prior, log_prior_at_home
 from treereg_core.rivals import find_rivals
+from treereg_core.threads import concurrently
 from treereg_core.transform import Affine, Rigid
 
 # An overlap of less than this share of the trees owes up to CHOICE to having been chosen among many.

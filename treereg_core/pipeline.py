@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import SerializeAsAny
 
 from treereg_core.errors import NoRegistration
-from treereg_core.features import WORTH_THREADS, FeatureSet, concurrently
+from treereg_core.features import WORTH_THREADS, FeatureSet
 from treereg_core.method import (
     Context,
     FeatureFilter,
@@ -25,6 +25,7 @@ from treereg_core.method import (
 from treereg_core.pair import MatchedRows, Pair, Rows
 from treereg_core.row_trees import along_rows
 from treereg_core.rows import NearestRows
+from treereg_core.threads import concurrently
 
 NO_MATCHES = np.empty((0, 2), dtype=np.int64)
 

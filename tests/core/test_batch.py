@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -176,6 +178,16 @@ def test_a_process_is_used_again_until_it_dies() -> None:
         assert processes.call(abs, (-1,)) == 1
     with pytest.raises(ProcessDied, match="closed"):
         processes.call(os.getpid)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs signal masks")
+def test_not_even_the_first_process_is_told_of_an_interruption_while_it_starts() -> None:
+    code = (
+        "import signal; from treereg_core.processes import Processes\n"
+        "with Processes() as p: print(signal.SIGINT in p.call(signal.pthread_sigmask, (signal.SIG_BLOCK, ())))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
 
 
 def test_closing_ends_a_call_under_way() -> None:

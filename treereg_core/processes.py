@@ -32,6 +32,10 @@ class TimeUp(Exception):  # noqa: N818 -- an outcome, not a fault of ours
     """A call took longer than it may, and its process was ended."""
 
 
+class Closed(Exception):  # noqa: N818 -- an outcome, not a fault of ours
+    """The processes were closed before a call was answered: nobody wants to know any more."""
+
+
 class Processes:
     """Spawned processes of one thread each, for use in a `with` statement; any thread may call.
 
@@ -55,11 +59,11 @@ class Processes:
     def call(self, function: Callable[..., T], arguments: tuple[Any, ...] = (), seconds: float | None = None) -> T:
         """What `function(*arguments)` gives or raises in another process.
 
-        Raises `TimeUp` after so many seconds, and `ProcessDied` when the process dies or these are closed.
+        Raises `TimeUp` after so many seconds, `ProcessDied` when the process dies, and `Closed` when these are closed.
         """
         with self._lock:
             if self._closed:
-                raise ProcessDied("its processes were closed")
+                raise Closed
             child = self._idle.pop() if self._idle else None
         child = child or _Child(self._memory_bytes)
         with self._lock:
@@ -68,11 +72,14 @@ class Processes:
                 child.end()
         try:
             good, value = child.ask(function, arguments, seconds)
-        except BaseException:
+        except BaseException as error:
             child.end()
             child.wait()  # what it held is free then
             with self._lock:
                 self._all.discard(child)
+                closed = self._closed
+            if closed and isinstance(error, ProcessDied):
+                raise Closed from error
             raise
         with self._lock:
             self._idle.append(child)
@@ -81,7 +88,7 @@ class Processes:
         raise value
 
     def close(self) -> None:
-        """End all processes at once; calls that are under way raise `ProcessDied`."""
+        """End all processes at once; calls that are under way raise `Closed`."""
         with self._lock:
             self._closed = True
             for child in self._all:

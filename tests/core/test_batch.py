@@ -19,7 +19,7 @@ from treereg_core.batch.attention import first_to_look_at
 from treereg_core.batch.files import summary_csv
 from treereg_core.errors import InputError
 from treereg_core.options import Options
-from treereg_core.processes import ProcessDied, Processes, TimeUp, spread
+from treereg_core.processes import Closed, ProcessDied, Processes, TimeUp, spread
 
 HEADER = "orchard,reference,source\n"
 WORK = Work(Options(), {})
@@ -176,7 +176,7 @@ def test_a_process_is_used_again_until_it_dies() -> None:
         with pytest.raises(AttributeError):
             processes.call(lambda: 0)
         assert processes.call(abs, (-1,)) == 1
-    with pytest.raises(ProcessDied, match="closed"):
+    with pytest.raises(Closed):
         processes.call(os.getpid)
 
 
@@ -193,7 +193,7 @@ def test_not_even_the_first_process_is_told_of_an_interruption_while_it_starts()
 def test_closing_ends_a_call_under_way() -> None:
     processes = Processes()
     threading.Timer(1.0, processes.close).start()
-    with pytest.raises(ProcessDied):
+    with pytest.raises(Closed):
         processes.call(signal.pause)
 
 

@@ -84,6 +84,7 @@ def test_control_c_ends_with_130_and_without_a_word(words: tuple[str, ...], mome
     assert code == 130
     assert "Traceback" not in written
     assert "Error" not in written
+    assert "killed" not in written
     assert written.rindex("\x1b[?25h") > written.rindex("\x1b[?25l")
     assert [path.name for path in Path().rglob("*") if path.name not in ("treereg-out", "trials.csv")] == []
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +12,12 @@ from scipy import fft, ndimage
 
 from treereg_core.evidence import Evidence
 from treereg_core.features import IntArray, largest
-from treereg_core.side import Side
 from treereg_core.threads import concurrently
 from treereg_core.transform import Affine, FloatArray
 
 Map = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
+T = TypeVar("T")
 
 # Cells of the maps of coverage, which vary slowly, in tree spacings.
 COARSE_CELL = 4 / 3
@@ -100,17 +102,6 @@ class Correlator:
         shape = self._shape(size, self.cell)
         workers = self.threads if shape[0] * shape[1] > WORTH_THREADS else 1
 
-        def spectra(side: Side, weights: FloatArray, points: FloatArray) -> list[Spectrum]:
-            brush = _Brush(points / self.cell, shape)
-            values = (weights, weights * side.scores["area"])
-            return [np.asarray(fft.rfft2(brush.draw(v), workers=workers, overwrite_x=True)) for v in values]
-
-        fixed = spectra(reference, self.weights[0], fixed_points - fixed_low)
-        for factor in _gaussian(shape, self.kernel / self.cell):
-            for spectrum in fixed:
-                spectrum *= factor
-        moving = spectra(source, self.weights[1], moved_points - moved_low)
-
         coarse_cell = COARSE_CELL * self.spacing
         coarse_shape = self._shape(size + 2 * coarse_cell, coarse_cell)
         everywhere, trees = self._coverage(0, kind.identity(), fixed_low, coarse_cell, coarse_shape)
@@ -121,23 +112,41 @@ class Correlator:
             product *= a
             return np.asarray(fft.irfft2(product, s=s, workers=workers, overwrite_x=True))
 
-        def peaks(sign: int, corner: FloatArray, limit: FloatArray) -> Peaks:
+        def spectrum(side: int, points: FloatArray, scored: bool) -> Spectrum:
+            values = self.weights[side]
+            if scored:
+                values = values * (reference, source)[side].scores["area"]
+            picture = _Brush(points / self.cell, shape).draw(values)
+            return np.asarray(fft.rfft2(picture, workers=workers, overwrite_x=True))
+
+        def both(scored: bool, look: Callable[[int, Map], T]) -> tuple[T, T]:
+            """What `look` finds on the map of how many trees meet, or how well crowns do, and on the half turn's."""
+            # Maps of a large field take much memory: each is gone before the next is made.
+            fixed = spectrum(0, fixed_points - fixed_low, scored)
+            for factor in _gaussian(shape, self.kernel / self.cell):
+                fixed *= factor
+            moving = spectrum(1, moved_points - moved_low, scored)
+            return look(1, correlate(fixed, moving, shape, 1)), look(-1, correlate(fixed, moving, shape, -1))
+
+        def maxima(sign: int, met: Map) -> _Maxima:
             covered = (
                 correlate(trees, moving_everywhere, coarse_shape, sign),
                 correlate(everywhere, moving_trees, coarse_shape, sign),
             )
             common = np.sqrt(np.maximum(covered[0], 0) * np.maximum(covered[1], 0))
-            met = correlate(fixed[0], moving[0], shape, sign)
-            places = self._maxima(met, common, coarse_cell, limit)
-            del met  # a map of a large field takes much memory
-            crowns = correlate(fixed[1], moving[1], shape, sign)[places.cell]
-            order, score = places.ranked(crowns)
-            turned = kind(sign * template.linear, nowhere)
-            return Peaks(turned, places.shift[order] + fixed_low - corner, places.met[order], score)
+            # Indices count f - m for the map itself, which wraps below 0, and f + m for the half turn, which does not.
+            limit = np.ptp(fixed_points, axis=0) / self.cell + 2 if sign > 0 else np.array(shape)
+            return self._maxima(met, common, coarse_cell, limit)
 
-        # Indices count f - m for the map itself, which wraps below 0, and f + m for the half turn, which does not.
-        reach = np.ptp(fixed_points, axis=0) / self.cell + 2
-        return peaks(1, moved_low, reach), peaks(-1, -moved_low, np.array(shape))
+        places = dict(zip((1, -1), both(False, maxima), strict=True))
+
+        def peaks(sign: int, crowns: Map) -> Peaks:
+            found = places[sign]
+            order, score = found.ranked(crowns[found.cell])
+            turned = kind(sign * template.linear, nowhere)
+            return Peaks(turned, found.shift[order] + fixed_low - sign * moved_low, found.met[order], score)
+
+        return both(True, peaks)
 
     @staticmethod
     def _shape(size: FloatArray, cell: float) -> tuple[int, int]:

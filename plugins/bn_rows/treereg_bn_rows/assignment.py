@@ -14,9 +14,9 @@ from treereg_core.transform import FloatArray
 def in_order(i: IntArray, j: IntArray, log_odds: FloatArray) -> IntArray:
     """Which pairs (k,) of rows `i`, `j` (n,) have the greatest sum, both strictly increasing; none at or below 0.
 
-    A row of either side may stay without a partner, which counts 0. The heaviest common subsequence (Hunt & Szymanski
-    1977, doi:10.1145/359581.359603): only pairs that are given are looked at, so that it takes n log n and no table of
-    all rows by all rows. Of equally good assignments always the same, whatever the order of the pairs.
+    A row of either side may stay without a partner, which counts 0. Dynamic programming over the given pairs alone, as
+    for the longest common subsequence (Hunt & Szymanski 1977, doi:10.1145/359581.359603), so that no table of all rows
+    by all rows is needed. Of equally good assignments always the same, whatever the order of the pairs.
     """
     good = np.flatnonzero(log_odds > 0)
     good = good[np.lexsort((j[good], i[good]))]

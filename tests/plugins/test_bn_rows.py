@@ -6,6 +6,7 @@ import copy
 import json
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from treereg_bn_rows import BnRows
 from treereg_bn_rows.assignment import in_order
 from treereg_bn_rows.counts import mixed, prior
 from treereg_bn_rows.lessons import same_rows
+from treereg_bn_rows.looks import candidates, ground_of
 from treereg_bn_rows.network import network, posterior, xmlbif
 from treereg_bn_rows.structure import PARENTS, STATES, shape
 
@@ -236,6 +238,39 @@ def test_four_hundred_rows_find_their_own() -> None:
     assert rows_of(first).matches.tolist() == [[k, k] for k in range(400)]
 
 
+def estate(lines: int, pieces: int) -> Pair:
+    """Rows of three trees, with a lane after each, of two equal surveys."""
+    xy = grid(lines, 3 * pieces, 5.0, 3.0)
+    xy[:, 0] += 6.0 * np.tile(np.arange(3 * pieces) // 3, lines)
+    trees = FeatureSet.of(xy)
+    rows = Rows(tuple(np.arange(len(xy)).reshape(-1, 3)))
+    return Pair(trees, trees, rows=MatchedRows(rows, rows, NO_MATCHES))
+
+
+def test_pairs_of_rows_grow_with_the_rows_and_not_with_their_square() -> None:
+    """An estate may have 100,000 short rows; the memory is that of the pairs that lie beside each other."""
+    pairs, peaks = [], []
+    for size in (20, 40):
+        pair = estate(size, size)
+        ground = ground_of(pair, CONTEXT)
+        tracemalloc.start()
+        (found,) = candidates(ground, (pair.reference_from_source,), 20.0)
+        chosen = in_order(found.i, found.j, np.where(np.abs(found.across) < 1, 5.0, -5.0))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        pairs.append(len(found.i))
+        assert (found.i[chosen] == np.arange(size**2)).all()
+        assert (found.j[chosen] == np.arange(size**2)).all()
+    assert pairs == [20 * (20 * 7 - 12), 40 * (40 * 7 - 12)]  # up to three lines to both sides, less at the edges
+    assert peaks[1] < 5 * peaks[0]
+
+
+def test_short_rows_find_their_own() -> None:
+    pair = estate(30, 30)
+    first = BnRows().match(pair.at(Rigid(np.eye(2), (1.0, 1.5))), CONTEXT)[0]
+    assert rows_of(first).matches.tolist() == [[k, k] for k in range(900)]
+
+
 def test_assignments_keep_the_order_and_are_the_best() -> None:
     rng = np.random.default_rng(2)
 
@@ -248,11 +283,24 @@ def test_assignments_keep_the_order_and_are_the_best() -> None:
     for shape_ in ((1, 1), (3, 5), (5, 4), (6, 6)):
         values = rng.normal(0, 3, shape_)
         values[rng.random(shape_) < 0.3] = -np.inf
-        chosen = in_order(values)
-        assert (np.diff(chosen, axis=0) > 0).all()
-        assert (values[chosen[:, 0], chosen[:, 1]] > 0).all()
-        assert values[chosen[:, 0], chosen[:, 1]].sum() == pytest.approx(best(np.maximum(values, 0)))
-    assert in_order(np.zeros((0, 4))).shape == (0, 2)
+        i, j = np.divmod(rng.permutation(values.size), shape_[1])
+        chosen = in_order(i, j, values[i, j])
+        assert (np.diff(i[chosen]) > 0).all()
+        assert (np.diff(j[chosen]) > 0).all()
+        assert (values[i, j][chosen] > 0).all()
+        assert values[i, j][chosen].sum() == pytest.approx(best(np.maximum(values, 0)))
+    none = np.empty(0, dtype=np.int64)
+    assert in_order(none, none, np.empty(0)).shape == (0,)
+
+
+def test_of_equally_good_assignments_always_the_same_is_taken() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        i, j = np.divmod(rng.permutation(36), 6)
+        value = rng.integers(-1, 3, (6, 6)).astype(np.float64)[i, j]
+        chosen, mixed_up = in_order(i, j, value), rng.permutation(36)
+        again = mixed_up[in_order(i[mixed_up], j[mixed_up], value[mixed_up])]
+        assert chosen.tolist() == again.tolist()
 
 
 def test_the_table_is_what_the_network_says_of_each_state() -> None:

@@ -121,16 +121,11 @@ class Candidates:
 
     @classmethod
     def of(cls, reference: Profile, source: Profile, reach: float) -> Candidates:
-        """All pairs of rows that lie within `reach` metres across, on a stretch that both have."""
-        box = [
-            (np.minimum.reduceat(p.line_v, p.start[:-1]), np.maximum.reduceat(p.line_v, p.start[:-1]))
-            for p in (reference, source)
-        ]
-        apart = np.maximum(np.subtract.outer(box[0][0], box[1][1]), -np.subtract.outer(box[0][1], box[1][0]))
-        low = np.maximum.outer(reference.first, source.first)
-        high = np.minimum.outer(reference.last, source.last)
-        i, j = np.nonzero((apart < reach) & (high > low))
-        low, high = low[i, j], high[i, j]
+        """All pairs of rows that lie within `reach` metres across, on a stretch that both have, row after row."""
+        i, j = _near(reference, source, reach)
+        low, high = np.maximum(reference.first[i], source.first[j]), np.minimum(reference.last[i], source.last[j])
+        both = high > low
+        i, j, low, high = i[both], j[both], low[both], high[both]
         places = low[:, None] + (high - low)[:, None] * STATIONS
         across = reference.across(i, places) - source.across(j, places)
         middle = across.mean(axis=1)
@@ -178,6 +173,22 @@ class Candidates:
             seen += np.bincount(pair, minlength=len(my))
             alone += np.bincount(pair[away > MEET * spacing], minlength=len(my))
         return seen, alone
+
+
+def _near(reference: Profile, source: Profile, reach: float) -> tuple[IntArray, IntArray]:
+    """The pairs of rows whose boxes are within `reach` metres across and meet along, row after row.
+
+    A tree of boxes finds them: a table of all rows by all rows would not fit where an estate has many short ones.
+    """
+    import shapely
+
+    boxes = []
+    for profile in (reference, source):
+        low, high = (bound.reduceat(profile.line_v, profile.start[:-1]) for bound in (np.minimum, np.maximum))
+        boxes.append(shapely.box(profile.first, low - reach / 2, profile.last, high + reach / 2))
+    i, j = shapely.STRtree(boxes[1]).query(boxes[0])
+    order = np.lexsort((j, i))
+    return i[order], j[order]
 
 
 def _to_nearest(profile: Profile, row: IntArray, place: FloatArray) -> FloatArray:

@@ -79,11 +79,9 @@ def _in_field(found: Ranked, others: Sequence[Ranked], known: Posterior) -> Rank
 def _in_order(look: Look, log_odds: FloatArray) -> tuple[IntArray, float]:
     """The most probable assignment (k, 2), and the sum of its log-odds."""
     pairs = look.pairs
-    table = np.full((len(pairs.reference), len(pairs.source)), -np.inf)
-    table[pairs.i, pairs.j] = log_odds
-    i, j = in_order(table).T
-    matches = np.column_stack([pairs.reference.rows[i], pairs.source.rows[j]])
-    return matches[np.argsort(matches[:, 0])], float(table[i, j].sum())
+    chosen = in_order(pairs.i, pairs.j, log_odds)
+    matches = look.rows[chosen]
+    return matches[np.argsort(matches[:, 0])], float(log_odds[chosen].sum())
 
 
 def _strangeness(look: Look) -> float:

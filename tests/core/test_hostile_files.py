@@ -117,6 +117,28 @@ def test_the_crs_beside_a_raster_has_no_file_opened(word: str, tmp_path: Path) -
         read_raster(path)
 
 
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize("how", [".tif", ".tif.ovr", ".tif.msk", ".tif.ovr.aux.xml"])
+@pytest.mark.parametrize("key", ["OVERVIEW_FILE", "overview_file"])
+def test_overviews_and_masks_have_no_overviews_elsewhere(key: str, how: str, tmp_path: Path) -> None:
+    import rasterio
+
+    path = with_raster(tmp_path / "s", valid("raster"))
+    with rasterio.Env(TIFF_USE_OVR=True, GDAL_TIFF_INTERNAL_MASK=False), rasterio.open(path, "r+") as file:
+        file.build_overviews([2])
+        file.write_mask(True)
+    side = path.with_suffix(how)
+    if how.endswith(".xml"):
+        item = f'<MDI key="{key}">/elsewhere.tif</MDI>'
+        side.write_text(f'<PAMDataset><Metadata domain="OVERVIEWS">{item}</Metadata></PAMDataset>')
+    else:
+        with rasterio.open(side, "r+") as file:
+            file.update_tags(ns="OVERVIEWS", **{key: "/elsewhere.tif"})
+    for read in READERS:
+        with pytest.raises(InputError, match="names another file as its overviews"):
+            read(path)
+
+
 @pytest.mark.parametrize("suffix", [".ovr", ".msk"])
 def test_overviews_and_masks_beside_are_no_vrt(suffix: str, tmp_path: Path) -> None:
     path = with_raster(tmp_path / "s", valid("raster"))

@@ -47,6 +47,26 @@ def check_file_size(path: Path) -> None:
         raise InputError(f"{path} has {size / 1e9:,.0f} GB, too much to be true of an orchard; cut it to size.")
 
 
+def open_database(path: Path) -> sqlite3.Connection:
+    """A database, opened to be read. Raises `InputError` for one whose log cannot be, `sqlite3.Error` for a wrong one.
+
+    SQLite makes files beside one that has a log of changes, a folder that cannot be written would make it useless.
+    """
+    address = path.absolute().as_uri()
+    database = sqlite3.connect(f"{address}?mode=ro", uri=True)
+    try:
+        database.execute("SELECT 1 FROM sqlite_master")
+    except sqlite3.Error as error:
+        database.close()
+        if error.sqlite_errorcode not in (sqlite3.SQLITE_READONLY_DIRECTORY, sqlite3.SQLITE_CANTOPEN):
+            raise
+        log = Path(f"{path}-wal")
+        if log.exists() and log.stat().st_size:
+            raise InputError(f"{log} cannot be read where it is; copy both into a folder that can be written.") from error
+        database = sqlite3.connect(f"{address}?immutable=1", uri=True)
+    return database
+
+
 def check_geopackage(path: Path, views: bool = False) -> None:
     """Refuse a database whose content is computed, by views or other modules of SQLite, or whose pages are not sound.
 
@@ -55,7 +75,7 @@ def check_geopackage(path: Path, views: bool = False) -> None:
     """
     check_beside(path)
     check_file_size(path)
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+    with closing(open_database(path)) as database:
         database.set_progress_handler(lambda: 1, STEPS + STEPS_PER_BYTE * path.stat().st_size)
         # a definition may be stored as bytes, which SQLite reads as text
         for name, sql in database.execute("SELECT name, CAST(sql AS TEXT) FROM sqlite_master WHERE sql IS NOT NULL"):

@@ -62,7 +62,9 @@ def open_database(path: Path) -> sqlite3.Connection:
             raise
         log = Path(f"{path}-wal")
         if log.exists() and log.stat().st_size:
-            raise InputError(f"{log} cannot be read where it is; copy both into a folder that can be written.") from error
+            raise InputError(
+                f"{log} cannot be read; copy it and {path.name} into a folder that can be written."
+            ) from error
         database = sqlite3.connect(f"{address}?immutable=1", uri=True)
     return database
 

@@ -12,12 +12,17 @@ from typing import Any
 
 import pytest
 
+from treereg_core import register
 from treereg_core.cli import main
+from treereg_core.errors import InputError
 from treereg_core.evaluation.files import evaluation_folder
-from treereg_core.io import OutputFolder, move_vector, settle_left
+from treereg_core.io import OutputFolder, move_vector, read_survey, settle_left
+from treereg_core.io.layer import read_layer
+from treereg_core.io.place import place
 from treereg_core.io.staging import PREFIX
 from treereg_core.outputs import write_result
 from treereg_core.simulate import Scene, simulate, write_simulation
+from treereg_core.survey_copy import survey_copy
 
 Output = pytest.CaptureFixture[str]
 CLEAR = Scene(trees=120, jitter=0.1, area_persistence=0.9, shift=(1, 0), rotation=0)
@@ -141,12 +146,12 @@ def test_a_memory_survives_whoever_writes_it(here: Path) -> None:
 
 
 def test_two_runs_into_one_folder(orchard: Path, here: Path, capsys: Output) -> None:
-    for place in (here / "new" / "folder", here):
-        with OutputFolder(place, overwrite=True) as folder:
+    for target in (here / "new" / "folder", here):
+        with OutputFolder(target, overwrite=True) as folder:
             (folder / "registration.json").write_text("first")
-            assert main(run_words(orchard, "--out", place, "--overwrite")) == 2
+            assert main(run_words(orchard, "--out", target, "--overwrite")) == 2
             assert "another run is at work in" in sentence(capsys.readouterr().err)
-        assert (place / "registration.json").read_text() == "first"
+        assert (target / "registration.json").read_text() == "first"
 
 
 def test_two_evaluations_in_one_folder(orchard: Path, here: Path, capsys: Output) -> None:
@@ -192,6 +197,54 @@ def test_a_file_that_changes_while_it_is_moved(
     monkeypatch.setattr("treereg_core.application.io.move_vector", meanwhile)
     assert main(["apply", str(orchard / "truth.json"), str(file), "--out", "x", "-q"]) == 2
     assert f"{file} was changed while it was used" in sentence(capsys.readouterr().err)
+    assert [path.name for path in here.iterdir()] == ["o"]
+
+
+def test_a_survey_that_changes_between_its_reading_and_its_copying(
+    orchard: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    shutil.copytree(orchard / "source", here / "o")
+    file = here / "o" / "raw-detections.geojson"
+
+    def meanwhile(*arguments: Any) -> Any:
+        file.write_text(file.read_text() + " ")
+        return survey_copy(*arguments)
+
+    monkeypatch.setattr("treereg_core.cli.misregister.survey_copy", meanwhile)
+    assert main(["misregister", str(here / "o"), "--out", "x", "-q"]) == 2
+    assert f"{file} was changed while it was used" in sentence(capsys.readouterr().err)
+    assert [path.name for path in here.iterdir()] == ["o"]
+
+
+@pytest.mark.parametrize("when", ["read", "placed"])
+def test_a_survey_that_changes_while_it_is_read_in_python(
+    orchard: Path, here: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    shutil.copytree(orchard, here / "o")
+    file = here / "o" / "source" / "raw-detections.geojson"
+    step, real = ("capture.read_layer", read_layer) if when == "read" else ("reading.place", place)
+
+    def meanwhile(*arguments: Any) -> Any:
+        found = real(*arguments)
+        file.write_text(file.read_text() + " ")
+        return found
+
+    monkeypatch.setattr(f"treereg_core.io.{step}", meanwhile)
+    for reading in (read_survey, lambda folder: register(here / "o" / "reference", folder, method="icp")):
+        with pytest.raises(InputError, match=r"raw-detections\.geojson was changed while it was used"):
+            reading(here / "o" / "source")
+
+
+@pytest.mark.parametrize("name", ["raw-detections.geojson", "dem_10cm.tif"])
+def test_a_result_is_not_saved_when_its_survey_is_another_one(orchard: Path, here: Path, name: str) -> None:
+    shutil.copytree(orchard, here / "o")
+    result = register(here / "o" / "reference", here / "o" / "source", method="icp")
+    assert len(result.registered()) > 0
+    file = here / "o" / "source" / name
+    os.utime(file, ns=(0, 0))
+    for use in (result.registered, lambda: result.save("x")):
+        with pytest.raises(InputError, match="was changed while it was used"):
+            use()
     assert [path.name for path in here.iterdir()] == ["o"]
 
 

@@ -15,7 +15,7 @@ import pytest
 from io_files import CRS, table
 
 from treereg_core.errors import InputError
-from treereg_core.io import Motion, move_vector, read_survey
+from treereg_core.io import Motion, move_vector, read_survey, unchanged
 from treereg_core.transform import Rigid
 
 LAYER = "raw-detections"
@@ -83,10 +83,10 @@ def with_log(folder: Path) -> Path:
 
 
 def change(database: sqlite3.Connection) -> None:
-    """Every confidence another one; what is in the log is so until the database is closed."""
+    """Every confidence half of it; what is in the log is so until the database is closed."""
     for name in ("ST_IsEmpty", "ST_MinX", "ST_MaxX", "ST_MinY", "ST_MaxY"):  # which triggers may ask for
         database.create_function(name, 1, lambda blob: 0)
-    database.execute(f"UPDATE '{LAYER}' SET confidence = 0.25")
+    database.execute(f"UPDATE '{LAYER}' SET confidence = confidence / 2")
     database.commit()
 
 
@@ -96,8 +96,22 @@ def test_with_a_log_of_changes(tmp_path: Path) -> None:
     with closing(sqlite3.connect(path)) as other:
         change(other)
         assert Path(f"{path}-wal").stat().st_size
-        assert read_survey(path.parent).features.confidence[0] == 0.25
-        assert read_survey(moved(path, tmp_path / "out").parent).features.confidence[0] == 0.25
+        survey = read_survey(path.parent)
+        assert survey.features.confidence[0] == 0.25
+        with pytest.raises(InputError, match=r"gpkg-wal was changed while it was used"), unchanged(survey.stamps):
+            change(other)
+        assert read_survey(moved(path, tmp_path / "out").parent).features.confidence[0] == 0.125
+
+
+def test_a_log_that_a_program_left_when_it_crashed_stays_as_it_is(tmp_path: Path) -> None:
+    path = with_log(tmp_path / "s")
+    with closing(sqlite3.connect(path)) as other:
+        change(other)
+        left = {file: file.read_bytes() for file in (path, Path(f"{path}-wal"))}
+    for file, content in left.items():
+        file.write_bytes(content)
+    assert read_survey(path.parent).features.confidence[0] == 0.25
+    assert {file: file.read_bytes() for file in left} == left
 
 
 @contextmanager

@@ -105,8 +105,7 @@ def evaluate(
     if folders:
         if family:
             raise UsageError("--family is of simulated surveys; leave it out, or the folders.")
-        with io.unchanged(io.survey_stamps(folders)):
-            source, notes = of_surveys(folders, (rotation_sd, translation_sd), checkpoints, confidence_property)
+        source, notes = of_surveys(folders, (rotation_sd, translation_sd), checkpoints, confidence_property)
     else:
         if checkpoints:
             raise UsageError("--checkpoints are of surveys; give their folders.")
@@ -173,7 +172,8 @@ def of_surveys(
         said += "against that, and include whatever they are off."
     notes = [said, f"Turned by {spread[0]:g} degrees and shifted by {spread[1]:g} m per axis (1 sd) in each trial."]
     points = io.read_checkpoints(checkpoints, reference.frame) if checkpoints else None
-    images = io.read_images(reference, source)
+    with io.unchanged({**reference.stamps, **source.stamps}):
+        images = io.read_images(reference, source)
     name = " ".join(dict.fromkeys(names))
     return Misregistered(name, reference.features, source.features, *spread, images, points), notes
 

@@ -55,7 +55,6 @@ def misregister(
     is. Other files are left out, with a warning, and folders in SURVEY without one.
     """
     turn, shift = settle((rotation_sd, translation_sd), rotation, translation, seed)
-    before = io.survey_stamps([survey])
     console.progress(f"read {survey}")
     read = io.read_survey(survey, confidence_property=confidence_property)
     wrong = misregistration(read.features, turn, shift)
@@ -66,7 +65,7 @@ def misregister(
         console.warn(warning)
     names = (*copy.names, NAME)
     place = io.OutputFolder(out, inputs=[survey], overwrite=overwrite, names=map(escape, names))
-    with place as folder, io.unchanged({**before, **io.stamps(one.path for one in copy.moved)}):
+    with place as folder, io.unchanged({**io.stamps(one.path for one in copy.moved), **read.stamps}):
         copy.write(folder, console.progress)
         io.write_json(folder / NAME, record(read, wrong, turn, shift))
     if not console.quiet:

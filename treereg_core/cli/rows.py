@@ -50,8 +50,7 @@ def rows(
         plan = row_plan(record(RowOptions, given(context), lambda field: f"--{field}"), installed())
     check_place(out, overwrite)
     console.progress("read")
-    with io.unchanged(io.survey_stamps([survey])):
-        read = io.read_survey(survey, confidence_property=confidence_property)
+    read = io.read_survey(survey, confidence_property=confidence_property)
     for warning in read.warnings:
         console.warn(warning)
     try:

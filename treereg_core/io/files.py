@@ -27,6 +27,11 @@ class SurveyFiles:
     visible: Path | None
     dem: Path | None
 
+    @property
+    def present(self) -> tuple[Path, ...]:
+        """Those that there are."""
+        return tuple(file for file in (self.detections, self.boundary, self.visible, self.dem) if file)
+
 
 def find_files(folder: Path) -> SurveyFiles:
     """The files of a survey folder. `InputError` without detections, or with two candidates for one role."""

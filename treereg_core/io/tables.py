@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from treereg_core.io.crs import WGS84, parse_crs
 from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
 from treereg_core.io.shapes import shapes
-from treereg_core.io.untrusted import check_geopackage, check_parquet
+from treereg_core.io.untrusted import check_geopackage, check_parquet, open_database
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -65,7 +67,8 @@ def read_table(path: Path, columns: list[str] | None = None) -> Table:
             raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
         with reading(path, "GeoPackage"), _quiet():
             check_geopackage(path)
-            return _geopackage(path, columns)
+            with _left_alone(path) as file:
+                return _geopackage(file, columns, path)
     if start[:4] != b"PAR1":
         raise InputError(f"{path} is not a Parquet file, or is damaged; export it again.")
     with reading(path, "GeoParquet"), _quiet():
@@ -108,14 +111,28 @@ def _quiet() -> Iterator[None]:
         yield
 
 
-def _geopackage(path: Path, columns: list[str] | None) -> Table:
+@contextmanager
+def _left_alone(path: Path) -> Iterator[Path]:
+    """A GeoPackage for GDAL to read: a copy of one whose log holds changes, which GDAL would write into it."""
+    log = Path(f"{path}-wal")
+    if not log.exists() or not log.stat().st_size:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        with closing(open_database(path)) as database, closing(sqlite3.connect(copy)) as other:
+            database.backup(other)
+        yield copy
+
+
+def _geopackage(file: Path, columns: list[str] | None, path: Path) -> Table:
     import pyogrio
 
-    layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+    layers = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
     if len(layers) != 1:
         found = f"the layers {', '.join(layers)}" if layers else "no layer with geometry"
         raise InputError(f"{path} holds {found}; keep exactly one layer of polygons.")
-    meta, table = pyogrio.raw.read_arrow(path, layer=layers[0], columns=columns, return_fids=True)
+    meta, table = pyogrio.raw.read_arrow(file, layer=layers[0], columns=columns, return_fids=True)
     fid, geometry = meta["fid_column"] or "OGC_FID", meta["geometry_name"] or "wkb_geometry"
     return Table(
         geometry=shapes(table.column(geometry).to_pylist(), path),

@@ -163,6 +163,17 @@ def test_two_evaluations_in_one_folder(orchard: Path, here: Path, capsys: Output
     assert {path.name for path in (here / "x").iterdir()} == {"trials.csv", "evaluation.json", "evaluation.html"}
 
 
+@pytest.mark.parametrize("step", range(1, 7))
+def test_killed_while_an_evaluation_arrives_no_trial_is_lost(orchard: Path, here: Path, step: int) -> None:
+    words = ["evaluate", str(orchard / "source"), "--method", "icp", "--jobs", "1", "--out", "x", "-q", "--trials"]
+    assert main([*words, "1"]) == 0
+    assert treereg(*words, "2", before=KILLED_AT.format(step=step + 2)).returncode == -9
+    assert main([*words, "2"]) == 0
+    assert {path.name for path in (here / "x").iterdir()} == {"trials.csv", "evaluation.json", "evaluation.html"}
+    lines = (here / "x" / "trials.csv").read_text().splitlines()
+    assert [line.split(",")[4] for line in lines] == ["seed", "0", "1"]
+
+
 @pytest.mark.parametrize("name", ["raw-detections.geojson", "dem_10cm.tif", "visible_10cm.tif"])
 @pytest.mark.parametrize("how", ["changed", "removed"])
 def test_a_file_that_changes_while_it_is_used(
@@ -249,9 +260,33 @@ def test_a_result_is_not_saved_when_its_survey_is_another_one(orchard: Path, her
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="the system has no /proc")
-def test_a_place_where_no_folder_can_be_made(orchard: Path, capsys: Output) -> None:
-    assert main(run_words(orchard, "--out", "/proc/x")) == 2
-    assert "/proc/x cannot be written" in sentence(capsys.readouterr().err)
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run REFERENCE SOURCE --out /proc/x",
+        "run --out /proc/x",
+        "series REFERENCE SOURCE --out /proc/x",
+        "evaluate REFERENCE SOURCE --out /proc/x",
+        "evaluate --family small_60 --out /proc/x",
+        "batch orchards.csv --out /proc/x",
+        "simulate /proc/x",
+        "misregister SOURCE --out /proc/x",
+        "apply TRUTH SOURCE/dem_10cm.tif --out /proc/x",
+        "rows REFERENCE --out /proc/x/rows.geojson",
+    ],
+)
+def test_a_place_where_no_folder_can_be_made_is_refused_before_the_work(
+    orchard: Path, here: Path, words: str, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    places = {"REFERENCE": orchard / "reference", "SOURCE": orchard / "source", "TRUTH": orchard / "truth.json"}
+    (here / "orchards.csv").write_text(f"orchard,reference,source\na,{places['REFERENCE']},{places['SOURCE']}\n")
+    for work in ("io.reading.capture_of", "cli.simulate.simulated", "cli.apply.applications", "cli.evaluate.run_all"):
+        monkeypatch.setattr(f"treereg_core.{work}", lambda *_, **__: pytest.fail("it is at work"))
+    for name, place_of in places.items():
+        words = words.replace(name, str(place_of))
+    assert main([*words.split(), "-q"]) == 2
+    assert "/proc/x" in (said := sentence(capsys.readouterr().err))
+    assert "cannot be written" in said
 
 
 @pytest.mark.parametrize(

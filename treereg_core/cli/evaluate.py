@@ -33,7 +33,7 @@ from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.files import FILES, evaluation_folder, write_evaluation
 from treereg_core.evaluation.page import in_words, label, silent_in_words
 from treereg_core.evaluation.summary import Line, not_in_place
-from treereg_core.io.output import DEFAULT_OUT
+from treereg_core.io.output import DEFAULT_OUT, check_place
 from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M
 from treereg_core.options import Options
 from treereg_core.settings import Settings, check_used, suggestion
@@ -101,6 +101,7 @@ def evaluate(
     names = method or [DEFAULTS["method"]], start or [DEFAULTS["start"]]
     setups = setups_of(given(context), names, config)
     folders = surveys or []
+    check_place(out, folders)
     source: Source
     if folders:
         if family:
@@ -118,7 +119,7 @@ def evaluate(
         if folders and (doubt := not_in_place(done)):
             console.warn(doubt)
             notes.append(doubt)
-        lines = write_evaluation(study, notes, done, out)
+        lines = write_evaluation(study, notes, done, log)
     if as_json:
         console.hand_over((out / FILES[1]).read_bytes())
     else:

@@ -103,6 +103,14 @@ def test_with_a_log_of_changes(tmp_path: Path) -> None:
         assert read_survey(moved(path, tmp_path / "out").parent).features.confidence[0] == 0.125
 
 
+def test_one_that_another_program_holds(tmp_path: Path) -> None:
+    path = geopackage(tmp_path / "s")
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(InputError, match=r"raw-detections\.gpkg is in use by another program"):
+            read_survey(path.parent)
+
+
 def test_a_log_that_a_program_left_when_it_crashed_stays_as_it_is(tmp_path: Path) -> None:
     path = with_log(tmp_path / "s")
     with closing(sqlite3.connect(path)) as other:

@@ -48,9 +48,9 @@ def check_file_size(path: Path) -> None:
 
 
 def open_database(path: Path) -> sqlite3.Connection:
-    """A database, opened to be read. Raises `InputError` for one whose log cannot be, `sqlite3.Error` for a wrong one.
+    """A database, opened to be read; also where nothing can be made beside it, as its log of changes asks for.
 
-    SQLite makes files beside one that has a log of changes, a folder that cannot be written would make it useless.
+    Raises `InputError` for one that is held, or whose log cannot be read, and `sqlite3.Error` for a wrong one.
     """
     address = path.absolute().as_uri()
     database = sqlite3.connect(f"{address}?mode=ro", uri=True)
@@ -58,6 +58,8 @@ def open_database(path: Path) -> sqlite3.Connection:
         database.execute("SELECT 1 FROM sqlite_master")
     except sqlite3.Error as error:
         database.close()
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            raise InputError(f"{path} is in use by another program; close it there.") from error
         if error.sqlite_errorcode not in (sqlite3.SQLITE_READONLY_DIRECTORY, sqlite3.SQLITE_CANTOPEN):
             raise
         log = Path(f"{path}-wal")

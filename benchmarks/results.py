@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         said = f"{len(source.names)} families; pairs of surveys of each: {len(seeds)}."
         with evaluation_folder(options.out, (), overwrite=False) as log:
             trials = run_all(study, log, options.jobs, told)
-            write_evaluation(study, [said], trials, options.out)
+            write_evaluation(study, [said], trials, log)
     except TreeregError as error:
         print(error, file=sys.stderr)
         return 2

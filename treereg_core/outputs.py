@@ -40,8 +40,20 @@ def write_result(
     """Write a result of two surveys into a folder, its rasters too where there is a plan of them.
 
     The registered files are written when the result is accepted or with `force`, and never without a placement.
-    `progress` is given the kind of a raster and how much of it is done.
+    `progress` is given the kind of a raster and how much of it is done. Raises `InputError` for surveys whose files are
+    no longer those that were read.
     """
+    with io.unchanged(result.stamps):
+        return _write(result, folder, force, rasters, progress)
+
+
+def _write(
+    result: Result,
+    folder: Path,
+    force: bool,
+    rasters: RasterPlan | None,
+    progress: Callable[[str, float], None],
+) -> Written:
     clock = Clock(dict(result.timings))
     names: tuple[str, ...] = (REGISTRATION,)
     more: tuple[str, ...] = ()

@@ -19,7 +19,7 @@ from treereg_core.judgement import Judgement, Matches, Verdict
 from treereg_core.method import Described
 from treereg_core.pair import MatchedRows
 from treereg_core.plan import Plan
-from treereg_core.survey import Frame, Survey
+from treereg_core.survey import Frame, Stamp, Survey
 from treereg_core.transform import Affine, FloatArray, Model, Rigid
 
 if TYPE_CHECKING:
@@ -65,6 +65,12 @@ class Result:
         return self.reference.frame if isinstance(self.reference, Survey) else None
 
     @property
+    def stamps(self) -> Mapping[Path, Stamp]:
+        """Those of both surveys' files when they were read; none for trees that come from no file."""
+        read = [survey.stamps for survey in (self.reference, self.source) if isinstance(survey, Survey)]
+        return {file: stamp for stamps in read for file, stamp in stamps.items()}
+
+    @property
     def vertical_offset(self) -> VerticalOffset | None:
         """What the source's elevations lack against the reference's, over the matched trees; None where not known."""
         if not isinstance(self.reference, Survey) or not isinstance(self.source, Survey):
@@ -104,9 +110,11 @@ class Result:
 
         Its index is that of the GeoDataFrame the source was given as, or counts the features of the source's file, less
         whatever heights positions have there. Trees given as arrays become points without a CRS. Raises `UsageError`
-        as `apply` does, `InputError` for a CRS that is unknown or does not reach here.
+        as `apply` does, `InputError` for a CRS that is unknown or does not reach here, and for surveys whose files are
+        no longer those that were read.
         """
-        return io.registered_geoframe(self.source, self._motion(self._usable(force)), self.described, crs)
+        with io.unchanged(self.stamps):
+            return io.registered_geoframe(self.source, self._motion(self._usable(force)), self.described, crs)
 
     def matches(self, crs: str | None = None, *, force: bool = False) -> GeoDataFrame:
         """The content of tree_matches.geojson as a GeoDataFrame: a line from each moved source tree to its partner.
@@ -132,7 +140,8 @@ class Result:
         """Write the files of `treereg run` into a folder, the rasters of survey folders among them.
 
         `force` and `overwrite` are as there. Raises `UsageError` for trees that were given as arrays, and for a folder
-        that must not be written into; `InputError` for one that cannot be, or a raster that cannot be used.
+        that must not be written into; `InputError` for one that cannot be, a raster that cannot be used, or surveys
+        whose files are no longer those that were read.
         """
         from treereg_core.outputs import write_result
         from treereg_core.survey_rasters import raster_plan

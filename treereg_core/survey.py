@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,10 @@ from treereg_core.outlines import Outlines
 if TYPE_CHECKING:
     from geopandas import GeoDataFrame
     from shapely import Geometry
+
+
+Stamp = tuple[int, int] | None
+"""What changes when a file does: its size and time of change; None where there is no file."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ class Survey:
     - `warnings`: one sentence each, for stderr.
     - `visible`, `dem`: the rasters in the folder, not read yet.
     - `outlines`: of the usable trees, in `frame`, or None where only their centroids are known.
+    - `stamps`: of its files when they were read, so that it is seen when they are no longer the same.
     """
 
     path: Path
@@ -61,3 +67,4 @@ class Survey:
     visible: Path | None = None
     dem: Path | None = None
     outlines: Outlines | None = None
+    stamps: Mapping[Path, Stamp] = field(default_factory=dict)

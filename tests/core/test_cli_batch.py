@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -28,6 +29,8 @@ from tests.core.batches import (
     verdicts,
     write_manifest,
 )
+from treereg_core.batch import Order, Outcome
+from treereg_core.batch.task import carry_out
 from treereg_core.cli import main
 
 GOOD = "good/source"
@@ -103,6 +106,20 @@ def test_the_folder_of_an_orchard_is_what_run_writes(orchards: Path, tmp_path: P
     registrations = [json.loads((folder / "registration.json").read_text()) for folder in (many, one)]
     assert [registration.pop("timings_s").keys() for registration in registrations]
     assert registrations[0] == registrations[1]
+
+
+def test_what_was_done_while_it_was_interrupted_is_not_called_waiting(
+    orchards: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(orders: list[Order], _: object) -> Iterator[Outcome]:
+        yield carry_out(orders[0], 1)
+        carry_out(orders[1], 1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("treereg_core.cli.batch.run_batch", interrupted)
+    manifest = write_manifest(orchards, [GOOD] * 3)
+    assert main(["batch", str(manifest), "--method", "icp", "--rasters", "none", "--out", str(out), "-q"]) == 130
+    assert verdicts(out) == {"o0": "accepted", "o1": "accepted", "o2": "waiting"}
 
 
 def test_interrupted_it_goes_on_where_it_was(orchards: Path, env: dict[str, str], out: Path) -> None:

@@ -142,10 +142,34 @@ def test_an_evaluation_goes_on_and_is_begun_anew(orchard: Path, capsys: Output) 
     assert len(rows(Path("out/trials.csv"))) == 3
     assert evaluated(*arguments, "--trials", "3", "--max-failure", "0.5") == 2
     assert "under other options" in capsys.readouterr().err
+    assert len(list(Path("out").iterdir())) == 3
     Path("out/notes.txt").write_text("mine")
     assert evaluated(*arguments, "--trials", "2", "--max-failure", "0.5", "--overwrite") == 0
     assert len(rows(Path("out/trials.csv"))) == 2
     assert Path("out/notes.txt").read_text() == "mine"
+
+
+def test_an_evaluation_that_is_begun_anew_replaces_the_one_before_when_it_is_done(
+    orchard: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    arguments = [*surveys(orchard), "--method", "icp", "--out", "out"]
+    other = [*arguments, "--trials", "2", "--max-failure", "0.5"]
+    assert evaluated(*arguments, "--trials", "1") == 0
+    before = {path: path.read_bytes() for path in Path("out").iterdir()}
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("treereg_core.cli.evaluate.write_evaluation", interrupted)
+        assert evaluated(*other, "--overwrite") == 130
+    assert {path: path.read_bytes() for path in before} == before
+    assert {path.name for path in Path("out").iterdir()} == {*(path.name for path in before), "trials-new.csv"}
+    capsys.readouterr()
+    assert evaluated(*other) == 0
+    assert "trials" not in capsys.readouterr().err
+    assert len(rows(Path("out/trials.csv"))) == 2
+    assert {path.name for path in Path("out").iterdir()} == {path.name for path in before}
 
 
 def test_the_same_seed_gives_the_same_trials(orchard: Path) -> None:

@@ -12,12 +12,17 @@ from typing import Any
 
 import pytest
 
+from treereg_core import register
 from treereg_core.cli import main
+from treereg_core.errors import InputError
 from treereg_core.evaluation.files import evaluation_folder
-from treereg_core.io import OutputFolder, move_vector, settle_left
+from treereg_core.io import OutputFolder, move_vector, read_survey, settle_left
+from treereg_core.io.layer import read_layer
+from treereg_core.io.place import place
 from treereg_core.io.staging import PREFIX
 from treereg_core.outputs import write_result
 from treereg_core.simulate import Scene, simulate, write_simulation
+from treereg_core.survey_copy import survey_copy
 
 Output = pytest.CaptureFixture[str]
 CLEAR = Scene(trees=120, jitter=0.1, area_persistence=0.9, shift=(1, 0), rotation=0)
@@ -141,12 +146,12 @@ def test_a_memory_survives_whoever_writes_it(here: Path) -> None:
 
 
 def test_two_runs_into_one_folder(orchard: Path, here: Path, capsys: Output) -> None:
-    for place in (here / "new" / "folder", here):
-        with OutputFolder(place, overwrite=True) as folder:
+    for target in (here / "new" / "folder", here):
+        with OutputFolder(target, overwrite=True) as folder:
             (folder / "registration.json").write_text("first")
-            assert main(run_words(orchard, "--out", place, "--overwrite")) == 2
+            assert main(run_words(orchard, "--out", target, "--overwrite")) == 2
             assert "another run is at work in" in sentence(capsys.readouterr().err)
-        assert (place / "registration.json").read_text() == "first"
+        assert (target / "registration.json").read_text() == "first"
 
 
 def test_two_evaluations_in_one_folder(orchard: Path, here: Path, capsys: Output) -> None:
@@ -156,6 +161,17 @@ def test_two_evaluations_in_one_folder(orchard: Path, here: Path, capsys: Output
         assert "another evaluation is at work" in sentence(capsys.readouterr().err)
     assert main(words) == 0
     assert {path.name for path in (here / "x").iterdir()} == {"trials.csv", "evaluation.json", "evaluation.html"}
+
+
+@pytest.mark.parametrize("step", range(1, 7))
+def test_killed_while_an_evaluation_arrives_no_trial_is_lost(orchard: Path, here: Path, step: int) -> None:
+    words = ["evaluate", str(orchard / "source"), "--method", "icp", "--jobs", "1", "--out", "x", "-q", "--trials"]
+    assert main([*words, "1"]) == 0
+    assert treereg(*words, "2", before=KILLED_AT.format(step=step + 2)).returncode == -9
+    assert main([*words, "2"]) == 0
+    assert {path.name for path in (here / "x").iterdir()} == {"trials.csv", "evaluation.json", "evaluation.html"}
+    lines = (here / "x" / "trials.csv").read_text().splitlines()
+    assert [line.split(",")[4] for line in lines] == ["seed", "0", "1"]
 
 
 @pytest.mark.parametrize("name", ["raw-detections.geojson", "dem_10cm.tif", "visible_10cm.tif"])
@@ -195,10 +211,82 @@ def test_a_file_that_changes_while_it_is_moved(
     assert [path.name for path in here.iterdir()] == ["o"]
 
 
+def test_a_survey_that_changes_between_its_reading_and_its_copying(
+    orchard: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    shutil.copytree(orchard / "source", here / "o")
+    file = here / "o" / "raw-detections.geojson"
+
+    def meanwhile(*arguments: Any) -> Any:
+        file.write_text(file.read_text() + " ")
+        return survey_copy(*arguments)
+
+    monkeypatch.setattr("treereg_core.cli.misregister.survey_copy", meanwhile)
+    assert main(["misregister", str(here / "o"), "--out", "x", "-q"]) == 2
+    assert f"{file} was changed while it was used" in sentence(capsys.readouterr().err)
+    assert [path.name for path in here.iterdir()] == ["o"]
+
+
+@pytest.mark.parametrize("when", ["read", "placed"])
+def test_a_survey_that_changes_while_it_is_read_in_python(
+    orchard: Path, here: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    shutil.copytree(orchard, here / "o")
+    file = here / "o" / "source" / "raw-detections.geojson"
+    step, real = ("capture.read_layer", read_layer) if when == "read" else ("reading.place", place)
+
+    def meanwhile(*arguments: Any) -> Any:
+        found = real(*arguments)
+        file.write_text(file.read_text() + " ")
+        return found
+
+    monkeypatch.setattr(f"treereg_core.io.{step}", meanwhile)
+    for reading in (read_survey, lambda folder: register(here / "o" / "reference", folder, method="icp")):
+        with pytest.raises(InputError, match=r"raw-detections\.geojson was changed while it was used"):
+            reading(here / "o" / "source")
+
+
+@pytest.mark.parametrize("name", ["raw-detections.geojson", "dem_10cm.tif"])
+def test_a_result_is_not_saved_when_its_survey_is_another_one(orchard: Path, here: Path, name: str) -> None:
+    shutil.copytree(orchard, here / "o")
+    result = register(here / "o" / "reference", here / "o" / "source", method="icp")
+    assert len(result.registered()) > 0
+    file = here / "o" / "source" / name
+    os.utime(file, ns=(0, 0))
+    for use in (result.registered, lambda: result.save("x")):
+        with pytest.raises(InputError, match="was changed while it was used"):
+            use()
+    assert [path.name for path in here.iterdir()] == ["o"]
+
+
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="the system has no /proc")
-def test_a_place_where_no_folder_can_be_made(orchard: Path, capsys: Output) -> None:
-    assert main(run_words(orchard, "--out", "/proc/x")) == 2
-    assert "/proc/x cannot be written" in sentence(capsys.readouterr().err)
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run REFERENCE SOURCE --out /proc/x",
+        "run --out /proc/x",
+        "series REFERENCE SOURCE --out /proc/x",
+        "evaluate REFERENCE SOURCE --out /proc/x",
+        "evaluate --family small_60 --out /proc/x",
+        "batch orchards.csv --out /proc/x",
+        "simulate /proc/x",
+        "misregister SOURCE --out /proc/x",
+        "apply TRUTH SOURCE/dem_10cm.tif --out /proc/x",
+        "rows REFERENCE --out /proc/x/rows.geojson",
+    ],
+)
+def test_a_place_where_no_folder_can_be_made_is_refused_before_the_work(
+    orchard: Path, here: Path, words: str, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    places = {"REFERENCE": orchard / "reference", "SOURCE": orchard / "source", "TRUTH": orchard / "truth.json"}
+    (here / "orchards.csv").write_text(f"orchard,reference,source\na,{places['REFERENCE']},{places['SOURCE']}\n")
+    for work in ("io.reading.capture_of", "cli.simulate.simulated", "cli.apply.applications", "cli.evaluate.run_all"):
+        monkeypatch.setattr(f"treereg_core.{work}", lambda *_, **__: pytest.fail("it is at work"))
+    for name, place_of in places.items():
+        words = words.replace(name, str(place_of))
+    assert main([*words.split(), "-q"]) == 2
+    assert "/proc/x" in (said := sentence(capsys.readouterr().err))
+    assert "cannot be written" in said
 
 
 @pytest.mark.parametrize(

@@ -146,6 +146,7 @@ def test_a_geopackage_that_another_program_holds_is_not_waited_for_without_end(
     path.write_bytes(valid("geopackage"))
     (tmp_path / "out").mkdir()
     monkeypatch.setattr(geopackage, "check_geopackage", lambda path, views: None)
+    monkeypatch.setattr(geopackage, "open_database", sqlite3.connect)
     with closing(sqlite3.connect(path)) as other:
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(InputError, match=r"another program"):

@@ -8,6 +8,7 @@ import pickle
 import sqlite3
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -21,7 +22,8 @@ from io_files import survey
 from benchmarks.fuzz_targets import FRAME, TARGETS, valid
 from treereg_core.errors import InputError
 from treereg_core.io import Motion, move_vector, read_image, read_raster, read_survey
-from treereg_core.io.crs import parse_crs
+from treereg_core.io.crs import check_no_files, parse_crs
+from treereg_core.io.untrusted import check_geopackage
 from treereg_core.memory import load
 from treereg_core.transform import Rigid
 
@@ -104,15 +106,37 @@ def test_overviews_elsewhere_are_not_opened(read: Any, inside: bool, tmp_path: P
     assert asked == []
 
 
-@pytest.mark.parametrize("word", ["nadgrids", "nadgr&#105;ds"])
+@pytest.mark.parametrize("word", ["nadgrids=", "nadgr&#105;ds=", "nadgrids=@null,"])
 def test_the_crs_beside_a_raster_has_no_file_opened(word: str, tmp_path: Path) -> None:
     path = with_raster(tmp_path / "s", valid("raster"))
     grid = tmp_path / "grid.gsb"
     os.mkfifo(grid)  # whoever opens it waits for ever
-    text = f"<PAMDataset><SRS>+proj=longlat +ellps=bessel +{word}={grid}</SRS></PAMDataset>"
+    text = f"<PAMDataset><SRS>+proj=longlat +ellps=bessel +{word}{grid}</SRS></PAMDataset>"
     (path.parent / f"{path.name}.aux.xml").write_text(text)
     with pytest.raises(InputError, match="names another file"):
         read_raster(path)
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize("how", [".tif", ".tif.ovr", ".tif.msk", ".tif.ovr.aux.xml"])
+@pytest.mark.parametrize("key", ["OVERVIEW_FILE", "overview_file"])
+def test_overviews_and_masks_have_no_overviews_elsewhere(key: str, how: str, tmp_path: Path) -> None:
+    import rasterio
+
+    path = with_raster(tmp_path / "s", valid("raster"))
+    with rasterio.Env(TIFF_USE_OVR=True, GDAL_TIFF_INTERNAL_MASK=False), rasterio.open(path, "r+") as file:
+        file.build_overviews([2])
+        file.write_mask(True)
+    side = path.with_suffix(how)
+    if how.endswith(".xml"):
+        item = f'<MDI key="{key}">/elsewhere.tif</MDI>'
+        side.write_text(f'<PAMDataset><Metadata domain="OVERVIEWS">{item}</Metadata></PAMDataset>')
+    else:
+        with rasterio.open(side, "r+") as file:
+            file.update_tags(ns="OVERVIEWS", **{key: "/elsewhere.tif"})
+    for read in READERS:
+        with pytest.raises(InputError, match="names another file as its overviews"):
+            read(path)
 
 
 @pytest.mark.parametrize("suffix", [".ovr", ".msk"])
@@ -148,7 +172,8 @@ def geopackage(path: Path, *statements: str) -> Path:
 
 
 def entry(kind: str, name: str, sql: str, stored: str = "TEXT") -> str:
-    return f"INSERT INTO sqlite_master VALUES ('{kind}', '{name}', '{name}', 0, CAST('{sql}' AS {stored}))"
+    table = "trees" if kind == "trigger" else name
+    return f"INSERT INTO sqlite_master VALUES ('{kind}', '{name}', '{table}', 0, CAST('{sql}' AS {stored}))"
 
 
 @pytest.mark.parametrize(
@@ -174,6 +199,27 @@ def test_a_geopackage_that_computes_its_content(statement: str, words: str, tmp_
         read_survey(path.parent)
     with pytest.raises(InputError, match=words):
         move_vector(path, Motion(FRAME.crs, Rigid(np.eye(2), (0.0, 0.0))), tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        entry("trigger", "t", "CREATE" + 24 * "/**/" + "TRIGGER t AFTER UPDATE ON trees BEGIN SELECT 1; END"),
+        f"CREATE TABLE t (x /* {600 * 'with '}{600 * 'as '} */)",
+    ],
+)
+def test_a_definition_is_looked_over_at_once(statement: str, tmp_path: Path) -> None:
+    """A word more must not take twice the time."""
+    path = geopackage(tmp_path / "raw-detections.gpkg", statement)
+    begun = time.process_time()
+    check_geopackage(path)
+    assert time.process_time() - begun < 1
+
+
+@pytest.mark.parametrize("virtual", ["[other one]", "`other one`", '"other one"', "other"])
+def test_an_index_of_any_name_is_no_harm(virtual: str, tmp_path: Path) -> None:
+    path = geopackage(tmp_path / "raw-detections.gpkg", f"CREATE VIRTUAL TABLE {virtual} USING rtree(id, a, b)")
+    assert len(read_survey(path.parent).features) == 12
 
 
 @pytest.mark.parametrize("stored", ["TEXT", "BLOB"])
@@ -251,7 +297,7 @@ def test_a_geopackage_attaches_nothing(tmp_path: Path) -> None:
     """SQLite takes no ATTACH in what a file stores; one that is there all the same makes it damaged."""
     text = f'CREATE TRIGGER t AFTER UPDATE ON trees BEGIN ATTACH "{tmp_path / "made"}" AS other; END'
     path = geopackage(tmp_path / "s" / "raw-detections.gpkg", entry("trigger", "t", text))
-    with pytest.raises(InputError, match=r"raw-detections\.gpkg"):
+    with pytest.raises(InputError, match=r"raw-detections\.gpkg .* near \"ATTACH\""):
         read_survey(path.parent)
     assert not (tmp_path / "made").exists()
 
@@ -287,13 +333,21 @@ def test_a_file_of_impossible_size_is_refused_unread(name: str, tmp_path: Path) 
     [
         "+proj=longlat +ellps=bessel +nadgrids=/etc/hostname +type=crs",
         "+proj=longlat +ellps=bessel +geoidgrids=/vsicurl/http://127.0.0.1/a.gtx +type=crs",
+        "+proj=longlat +ellps=bessel +nadgrids=@null,/etc/hostname +type=crs",
         "+init=/etc/hostname:1",
+        "epsg:4326 +init=a +init=/etc/hostname:1",
     ],
 )
 def test_a_crs_names_no_file(crs: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="names another file"):
         parse_crs(crs, tmp_path / "a.geojson")
     assert parse_crs("EPSG:3857", tmp_path / "a.geojson").is_projected
+
+
+def test_a_crs_is_looked_over_at_once(tmp_path: Path) -> None:
+    begun = time.process_time()
+    check_no_files(20_000 * "init=", tmp_path / "a.geojson")
+    assert time.process_time() - begun < 1
 
 
 class Harmful:

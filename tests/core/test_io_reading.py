@@ -89,6 +89,19 @@ def test_table_without_crs_in_degrees(tmp_path, suffix):
     assert "WGS 84" in found.warnings[0]
 
 
+@pytest.mark.parametrize("crs", [pyproj.CRS(CRS).to_wkt(), CRS])
+def test_geoparquet_of_older_versions_names_its_crs_as_text(tmp_path, crs):
+    import pyarrow.parquet as pq
+
+    path = table(tmp_path / "s", "parquet", CRS) / "raw-detections.parquet"
+    content = pq.read_table(path)
+    known = json.loads(content.schema.metadata[b"geo"])
+    known["columns"]["geometry"]["crs"] = crs
+    geo = {b"geo": json.dumps({**known, "version": "0.4.0"}).encode()}
+    pq.write_table(content.replace_schema_metadata(geo), path)
+    agrees_with_the_grid(read_survey(tmp_path / "s"))
+
+
 def test_source_in_another_crs_comes_into_the_frame_of_the_reference(tmp_path):
     reference = survey(tmp_path / "ref")
     source = survey(tmp_path / "src", in_crs("EPSG:32735"), crs=named_crs("EPSG:32735"))

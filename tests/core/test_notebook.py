@@ -218,6 +218,9 @@ def test_what_cannot_be_moved(result: Result) -> None:
         result.apply([1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="has no CRS"):
         result.apply(geopandas.GeoDataFrame(geometry=geopandas.points_from_xy([0], [0])))
+    measured = geopandas.GeoDataFrame(geometry=geopandas.GeoSeries.from_wkt(["POINT ZM (19.3 -33.4 5 7)"]), crs=4326)
+    with pytest.raises(InputError, match=r"has measures \(M\)"):
+        result.apply(measured)
     with pytest.raises(InputError, match="the argument crs names an unknown CRS"):
         result.registered("EPSG:1")
 

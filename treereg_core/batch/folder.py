@@ -7,10 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 
-from treereg_core.errors import InputError, UsageError
-from treereg_core.io.files import reason
+from treereg_core.errors import UsageError
 from treereg_core.io.lock import take_if_possible
-from treereg_core.io.output import check_apart
+from treereg_core.io.output import check_place, unwritable
 from treereg_core.io.staging import settle_left
 
 LOCK = ".treereg-batch"
@@ -31,7 +30,7 @@ class BatchFolder:
         self._lock = -1
 
     def __enter__(self) -> Path:
-        check_apart(self.path, self._inputs)
+        check_place(self.path, self._inputs)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             foreign = next((entry.name for entry in sorted(self.path.iterdir())), None)
@@ -48,7 +47,7 @@ class BatchFolder:
             for folder in [self.path, *self.path.iterdir()]:
                 settle_left(folder)
         except OSError as error:
-            raise InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.") from error
+            raise unwritable(self.path, error) from error
         return self.path
 
     def __exit__(self, kind: type[BaseException] | None, value: object, traceback: TracebackType | None) -> None:

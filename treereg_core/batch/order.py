@@ -12,7 +12,6 @@ from pathlib import Path
 from treereg_core import io
 from treereg_core.batch.outcome import JUDGED, Outcome
 from treereg_core.errors import InputError
-from treereg_core.io.files import find_files
 from treereg_core.options import Options
 
 RECORD = "batch.json"
@@ -67,13 +66,8 @@ class Order:
         """
         told = hashlib.blake2b(self.work.text.encode(), digest_size=DIGEST_BYTES)
         for survey in (self.reference, self.source):
-            files = find_files(survey)
-            for file in (files.detections, files.boundary, files.visible, files.dem):
-                try:
-                    stat = file.stat() if file else None
-                except OSError as error:
-                    raise InputError(f"{file} cannot be read; check its permissions.") from error
-                told.update(repr((str(file), stat and (stat.st_size, stat.st_mtime_ns))).encode(errors="replace"))
+            for file in io.find_files(survey).present:
+                told.update(repr((str(file), io.stamp(file))).encode(errors="replace"))
         return told.hexdigest()
 
     @property

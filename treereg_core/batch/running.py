@@ -91,7 +91,8 @@ def in_process(processes: Processes, seconds: float | None, order: Order) -> Out
             reason = f"{death}."
         except TimeUp:
             word, reason = Word.TIMEOUT, f"it was not done after {seconds:g} s and was ended (--time-limit)."
-        settle_left(order.folder)
+        finally:
+            settle_left(order.folder)
     return Outcome(order.orchard, word, reason, seconds=round(time.monotonic() - begin, 3), attempts=attempt)
 
 

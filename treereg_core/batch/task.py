@@ -42,7 +42,7 @@ def register_into_folder(order: Order, attempt: int, begin: float) -> Outcome:
     plan = plan_of(work.options.model_dump_json())
     folders = (order.reference, order.source)
     place = io.OutputFolder(order.folder, inputs=folders, overwrite=True, names=(*RUN_NAMES, RECORD))
-    with place as folder, io.unchanged(io.survey_stamps(folders)):
+    with place as folder:
         with clock("read"):
             surveys = io.read_surveys(
                 *folders, confidence_property=work.confidence_property, same_place=plan.start_file is None

@@ -14,6 +14,8 @@ from treereg_core.application import applications
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.cli.options import GcpPoints, ResamplingName, Threads, WorldFile, choice
 from treereg_core.errors import UsageError
+from treereg_core.io.files import nearest
+from treereg_core.io.output import check_place
 
 
 def apply(
@@ -56,11 +58,11 @@ def apply(
         threads=thread_count(threads),
     )
     check_together(options, grid)
+    inputs = [file.absolute().parent for file in (*files, *([grid] if grid else []))]
+    check_place(out, inputs)
     motion = io.read_motion(transform, rival, force)
     before = io.stamps([*files, *([grid] if grid else [])])
-    base = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
-    todo = applications(files, motion, grid, options, base)
-    inputs = [file.absolute().parent for file in (*files, *([grid] if grid else []))]
+    todo = applications(files, motion, grid, options, nearest(out))
     names = [name for one in todo for name in one.names]
     place = io.OutputFolder(out, inputs=inputs, overwrite=overwrite, names=map(escape, names))
     with place as folder, io.unchanged(before):

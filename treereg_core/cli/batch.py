@@ -122,13 +122,13 @@ def batch(
             workers = cluster(scheduler, plan.plugins, place, limits)
         else:
             workers = local(min(jobs or os.cpu_count() or 1, max(1, len(left))), limits)
-        with workers as found:
-            try:
+        try:
+            with workers as found:
                 for outcome in told(run_batch(left, found), len(left)):
                     outcomes[outcome.orchard] = outcome
-            finally:
-                every = [outcomes.get(order.orchard) or waiting(order) for order in orders]
-                write_summary(orders, every, out)
+        finally:  # some may have been done while the others were ended
+            every = [outcomes.get(order.orchard) or order.done or waiting(order) for order in orders]
+            write_summary(orders, every, out)
     console.show(summary(every, out))
     return 0 if all(outcome.verdict is Word.ACCEPTED for outcome in every) else 3
 

@@ -33,7 +33,7 @@ from treereg_core.evaluation.case import Source
 from treereg_core.evaluation.files import FILES, evaluation_folder, write_evaluation
 from treereg_core.evaluation.page import in_words, label, silent_in_words
 from treereg_core.evaluation.summary import Line, not_in_place
-from treereg_core.io.output import DEFAULT_OUT
+from treereg_core.io.output import DEFAULT_OUT, check_place
 from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M
 from treereg_core.options import Options
 from treereg_core.settings import Settings, check_used, suggestion
@@ -101,12 +101,12 @@ def evaluate(
     names = method or [DEFAULTS["method"]], start or [DEFAULTS["start"]]
     setups = setups_of(given(context), names, config)
     folders = surveys or []
+    check_place(out, folders)
     source: Source
     if folders:
         if family:
             raise UsageError("--family is of simulated surveys; leave it out, or the folders.")
-        with io.unchanged(io.survey_stamps(folders)):
-            source, notes = of_surveys(folders, (rotation_sd, translation_sd), checkpoints, confidence_property)
+        source, notes = of_surveys(folders, (rotation_sd, translation_sd), checkpoints, confidence_property)
     else:
         if checkpoints:
             raise UsageError("--checkpoints are of surveys; give their folders.")
@@ -119,7 +119,7 @@ def evaluate(
         if folders and (doubt := not_in_place(done)):
             console.warn(doubt)
             notes.append(doubt)
-        lines = write_evaluation(study, notes, done, out)
+        lines = write_evaluation(study, notes, done, log)
     if as_json:
         console.hand_over((out / FILES[1]).read_bytes())
     else:
@@ -173,7 +173,8 @@ def of_surveys(
         said += "against that, and include whatever they are off."
     notes = [said, f"Turned by {spread[0]:g} degrees and shifted by {spread[1]:g} m per axis (1 sd) in each trial."]
     points = io.read_checkpoints(checkpoints, reference.frame) if checkpoints else None
-    images = io.read_images(reference, source)
+    with io.unchanged({**reference.stamps, **source.stamps}):
+        images = io.read_images(reference, source)
     name = " ".join(dict.fromkeys(names))
     return Misregistered(name, reference.features, source.features, *spread, images, points), notes
 

@@ -13,6 +13,8 @@ from treereg_core import io
 from treereg_core.cli.console import Quiet, Verbose, console
 from treereg_core.cli.options import ConfidenceProperty
 from treereg_core.errors import UsageError
+from treereg_core.io.files import nearest
+from treereg_core.io.output import check_place
 from treereg_core.misregistration import ROTATION_SD_DEG, TRANSLATION_SD_M, drawn, misregistration
 from treereg_core.result import transform_json
 from treereg_core.survey import Survey
@@ -55,18 +57,17 @@ def misregister(
     is. Other files are left out, with a warning, and folders in SURVEY without one.
     """
     turn, shift = settle((rotation_sd, translation_sd), rotation, translation, seed)
-    before = io.survey_stamps([survey])
+    check_place(out, [survey])
     console.progress(f"read {survey}")
     read = io.read_survey(survey, confidence_property=confidence_property)
     wrong = misregistration(read.features, turn, shift)
     motion = io.Motion(read.frame.crs, wrong.about([-value for value in read.frame.origin]))
-    base = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
-    copy = survey_copy(survey, motion, base)
+    copy = survey_copy(survey, motion, nearest(out))
     for warning in (*read.warnings, *copy.warnings):
         console.warn(warning)
     names = (*copy.names, NAME)
     place = io.OutputFolder(out, inputs=[survey], overwrite=overwrite, names=map(escape, names))
-    with place as folder, io.unchanged({**before, **io.stamps(one.path for one in copy.moved)}):
+    with place as folder, io.unchanged({**io.stamps(one.path for one in copy.moved), **read.stamps}):
         copy.write(folder, console.progress)
         io.write_json(folder / NAME, record(read, wrong, turn, shift))
     if not console.quiet:

@@ -18,6 +18,7 @@ from treereg_core.cli.options import DEFAULTS, ConfidenceProperty, Seed, Set, Th
 from treereg_core.cli.plugins import Plugin, use_plugins
 from treereg_core.detection import RowOptions, RowPlan, carry_out, row_plan
 from treereg_core.errors import InputError, NoRegistration, UsageError
+from treereg_core.io.files import check_writable, reason
 from treereg_core.pair import Rows
 from treereg_core.registry import installed
 from treereg_core.settings import record
@@ -50,8 +51,7 @@ def rows(
         plan = row_plan(record(RowOptions, given(context), lambda field: f"--{field}"), installed())
     check_place(out, overwrite)
     console.progress("read")
-    with io.unchanged(io.survey_stamps([survey])):
-        read = io.read_survey(survey, confidence_property=confidence_property)
+    read = io.read_survey(survey, confidence_property=confidence_property)
     for warning in read.warnings:
         console.warn(warning)
     try:
@@ -76,6 +76,10 @@ def check_place(out: Path, overwrite: bool) -> None:
         raise UsageError(f"--out {out} is a folder; give the name of a file.")
     if not overwrite and (out.exists() or out.is_symlink()):
         raise UsageError(f"{out} is there already; give another file with --out, or replace it with --overwrite.")
+    try:
+        check_writable(out.parent)
+    except OSError as error:
+        raise InputError(f"{out} cannot be written ({reason(error)}); choose another place.") from error
 
 
 def summary(survey: Survey, found: Rows, plan: RowPlan, out: Path) -> str:

@@ -105,7 +105,7 @@ def run(
     plan = settle(given(context), config)
     beside = raster_options((rasters, resampling, extent), (world_file, gcp_points), plan.options.threads)
     inputs = [folder for folder in (reference, source) if folder]
-    with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder, io.unchanged(io.survey_stamps(inputs)):
+    with io.OutputFolder(out, inputs=inputs, overwrite=overwrite) as folder:
         truth = None
         if not inputs:
             console.progress("make a demonstration orchard")

@@ -84,7 +84,7 @@ def series(
     moved = raster_options((rasters, "auto", "reference"), (False, False), plan.options.threads)
 
     place = io.OutputFolder(out, inputs=surveys, overwrite=overwrite, names=names_of_earlier)
-    with place as folder, io.unchanged(io.survey_stamps(surveys)):
+    with place as folder:
         remembering = replace(plan, options=plan.options.model_copy(update={"memory": folder / MEMORY}))
         console.items = len(surveys)
         found = carry_out(remembering, surveys, confidence_property, console.progress, tell)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import metadata
@@ -10,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from treereg_core import io
-from treereg_core.errors import InputError, UsageError
+from treereg_core.errors import UsageError
 from treereg_core.evaluation.page import page
 from treereg_core.evaluation.running import Study
 from treereg_core.evaluation.summary import Line, summed_up
 from treereg_core.evaluation.trial import Trial, plugins
-from treereg_core.io.files import reason
 from treereg_core.io.lock import take_if_possible
-from treereg_core.io.output import check_apart
+from treereg_core.io.output import check_place, unwritable
 from treereg_core.io.staging import PREFIX
 from treereg_core.page import made_by
 
@@ -25,46 +25,57 @@ SCHEMA = "treereg/evaluation/1"
 LOCK = f"{PREFIX}evaluation"
 TRIALS, SUMMARY, PAGE = FILES = ("trials.csv", "evaluation.json", "evaluation.html")
 """The log is there while trials run, the other two once all are done."""
+ANEW = "trials-new.csv"
+"""The log of an evaluation that is begun anew, until it takes the place of the one before."""
 
 
 @contextmanager
 def evaluation_folder(folder: Path, inputs: Sequence[Path], overwrite: bool) -> Iterator[Path]:
     """The folder of an evaluation, made ready and held by one at a time; gives the place of its log.
 
-    It may be new or empty, or hold an evaluation that was interrupted or done, which goes on; with `overwrite` that is
-    begun anew, and other files in the folder stay. `UsageError` for another folder, and while another evaluation is at
-    work in it; `InputError` for one that cannot be written.
+    It may be new or empty, or hold an evaluation that was interrupted or done, which goes on; with `overwrite` one is
+    begun anew, the one before stays until that is done, and other files in the folder stay. `UsageError` for another
+    folder, and while another evaluation is at work in it; `InputError` for one that cannot be written.
     """
-    check_apart(folder, inputs)
+    check_place(folder, inputs)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        others = (entry.name for entry in sorted(folder.iterdir()) if entry.name not in FILES)
-        foreign = next((name for name in others if not name.startswith(PREFIX)), None)
-        if foreign and not overwrite and not (folder / TRIALS).exists():
-            raise UsageError(f"{folder} is in use, it holds {foreign}; choose another folder, or give --overwrite.")
         lock = take_if_possible(folder / LOCK)
-        if lock is None:
-            raise UsageError(f"another evaluation is at work in {folder}; wait until it is done, or choose another.")
-        for name in FILES if overwrite else FILES[1:]:
-            (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{folder} cannot be written ({reason(error)}); choose another folder.") from error
+        raise unwritable(folder, error) from error
+    if lock is None:
+        raise UsageError(f"another evaluation is at work in {folder}; wait until it is done, or choose another.")
     try:
-        yield folder / TRIALS
+        io.settle_left(folder)
+        yield _log(folder, overwrite)
     finally:
         (folder / LOCK).unlink(missing_ok=True)
         os.close(lock)
 
 
-def write_evaluation(study: Study, notes: Sequence[str], trials: Sequence[Trial], out: Path) -> list[Line]:
-    """Write the summary and the page of the trials that were done, and give the lines of their table.
+def _log(folder: Path, overwrite: bool) -> Path:
+    """The place of the log in a folder that may be used; what is left of one begun anew goes on, or is removed."""
+    log, anew = folder / TRIALS, folder / ANEW
+    others = sorted(entry.name for entry in folder.iterdir() if entry.name not in (*FILES, ANEW))
+    foreign = next((name for name in others if not name.startswith(PREFIX)), None)
+    if foreign and not overwrite and not log.exists():
+        raise UsageError(f"{folder} is in use, it holds {foreign}; choose another folder, or give --overwrite.")
+    if overwrite:
+        anew.unlink(missing_ok=True)
+    return anew if anew.exists() or (overwrite and log.exists()) else log
 
-    `notes` say in sentences what was done.
+
+def write_evaluation(study: Study, notes: Sequence[str], trials: Sequence[Trial], log: Path) -> list[Line]:
+    """Write the summary and the page of the trials that were done beside their log; gives the lines of their table.
+
+    All three take the place of those of an earlier evaluation at once. `notes` say in sentences what was done.
     """
     lines = summed_up(trials)
-    io.write_json(out / SUMMARY, to_json(study, notes, lines))
     by = made_by(plugins(study.setups))
-    io.write_text(out / PAGE, page("Evaluation of registrations", [*notes, by], trials, lines))
+    with io.OutputFolder(log.parent, overwrite=True, names=(*FILES, ANEW)) as folder:
+        shutil.copyfile(log, folder / TRIALS)
+        io.write_json(folder / SUMMARY, to_json(study, notes, lines))
+        io.write_text(folder / PAGE, page("Evaluation of registrations", [*notes, by], trials, lines))
     return lines
 
 

@@ -33,7 +33,7 @@ from treereg_core.io.resampling import Resampling
 from treereg_core.io.staging import settle_left
 from treereg_core.io.transforms import full_from_frame, read_motion, read_transform
 from treereg_core.io.trees import write_tree_points, write_tree_table
-from treereg_core.io.unchanged import stamps, survey_stamps, unchanged
+from treereg_core.io.unchanged import stamp, stamps, unchanged
 from treereg_core.io.vectors import holds_geojson, is_vector, move_vector, vector_names
 from treereg_core.io.writing import is_survey_file, write_json, write_matches, write_registered, write_rows, write_text
 
@@ -82,8 +82,8 @@ __all__ = [
     "read_transform",
     "registered_geoframe",
     "settle_left",
+    "stamp",
     "stamps",
-    "survey_stamps",
     "unchanged",
     "vector_names",
     "write_json",

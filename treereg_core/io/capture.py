@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ from treereg_core.io.crs import geocentric
 from treereg_core.io.files import SurveyFiles, find_files
 from treereg_core.io.layer import Layer, layer_of, read_layer
 from treereg_core.io.polygons import polygonal
+from treereg_core.io.unchanged import stamps, unchanged
+from treereg_core.survey import Stamp
 from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
@@ -26,7 +29,7 @@ FARTHEST_TREE_M = 25_000.0
 class Capture:
     """A survey as read, not yet in a working frame; `points` (k, 3): its trees, geocentric, metres.
 
-    `table` is what it was given as, where it comes from no folder.
+    `table` is what it was given as, where it comes from no folder; else `stamps` are of its files.
     """
 
     files: SurveyFiles
@@ -36,12 +39,16 @@ class Capture:
     points: FloatArray
     warnings: tuple[str, ...]
     table: GeoDataFrame | None = None
+    stamps: Mapping[Path, Stamp] = field(default_factory=dict)
 
 
 def capture_of(folder: Path, confidence_property: str) -> Capture:
     """Read and check a survey folder; a wrong one raises `InputError`."""
     files = find_files(Path(folder))
-    return _checked(files, read_layer(files.detections, confidence_property), confidence_property)
+    before = stamps(files.present)
+    with unchanged(before):
+        read = _checked(files, read_layer(files.detections, confidence_property), confidence_property)
+    return replace(read, stamps=before)
 
 
 def capture_of_table(table: GeoDataFrame, name: Path, confidence_property: str) -> Capture:

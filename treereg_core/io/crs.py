@@ -25,8 +25,10 @@ WGS84 = "OGC:CRS84"
 MAX_SCALE_ERROR = 0.01
 """A projected unit that is further than this from a true metre at the place (Web Mercator's, say) is not a metre."""
 
-NAMES_A_FILE = re.compile(r"grids\s*=\s*(?!@null\b)|PARAMETERFILE|\binit\s*=\s*[^:]*[/\\\\.]", re.IGNORECASE)
-"""What stands in the definition of a CRS that PROJ would open files for."""
+NAMES_A_FILE = re.compile(
+    r"grids\s*=(?!\s*@null(?:[\s\"'<]|$))|PARAMETERFILE|(?:^|:)(?>[^:]*?\binit\s*=)[^:/\\.]*[/\\.]", re.IGNORECASE
+)
+"""What stands in the definition of a CRS that PROJ would open files for; the first `init` between two colons tells."""
 
 _A, _E2 = 6378137.0, 0.00669437999014
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,11 @@ class SurveyFiles:
     boundary: Path | None
     visible: Path | None
     dem: Path | None
+
+    @property
+    def present(self) -> tuple[Path, ...]:
+        """Those that there are."""
+        return tuple(file for file in (self.detections, self.boundary, self.visible, self.dem) if file)
 
 
 def find_files(folder: Path) -> SurveyFiles:
@@ -72,6 +78,17 @@ def _some(names: list[str]) -> str:
 def reason(error: OSError) -> str:
     """Why the system refused, in its own words."""
     return (error.strerror or str(error)).lower()
+
+
+def nearest(path: Path) -> Path:
+    """The path, or the nearest one above it that there is."""
+    return next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+
+
+def check_writable(folder: Path) -> None:
+    """Raise `OSError` unless a file can be made in a folder or, where that is new, in the nearest one above it."""
+    with tempfile.TemporaryFile(dir=nearest(folder)):
+        pass
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from treereg_core.errors import InputError
 from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import reading
 from treereg_core.io.shapes import move_shapes, shapes, to_wkb
-from treereg_core.io.untrusted import check_geopackage
+from treereg_core.io.untrusted import check_geopackage, open_database
 from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def move_geopackage(path: Path, mover: Callable[[CRS], Callable[[FloatArray], Fl
             raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
         check_geopackage(path, views=True)
         with closing(sqlite3.connect(target)) as database:
-            with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source:
+            with closing(open_database(path)) as source:
                 source.backup(database, pages=PAGES, progress=_Waiting(path))
             _add_functions(database)
             layers = database.execute("SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns").fetchall()

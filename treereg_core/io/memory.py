@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
 from treereg_core.errors import InputError
-from treereg_core.io.files import collector_paused, first_line, reason
+from treereg_core.io.files import check_writable, collector_paused, first_line, reason
 from treereg_core.io.jsontext import readable
 from treereg_core.io.lock import take_if_possible
 from treereg_core.io.staging import settle_left
@@ -37,9 +36,7 @@ def check_memory_folder(folder: Path) -> None:
                 raise InputError(
                     f"{folder} holds {found[0]} but no {MEMORY}; give --memory the folder of a memory, or a new one."
                 )
-        base = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-        with tempfile.TemporaryFile(dir=base):
-            pass
+        check_writable(folder)
     except OSError as error:
         raise InputError(
             f"{folder} cannot be written ({reason(error)}), so nothing could be learned; give --memory another folder."

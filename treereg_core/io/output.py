@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from treereg_core.errors import InputError, TreeregError, UsageError
-from treereg_core.io.files import reason
+from treereg_core.io.files import check_writable, reason
 from treereg_core.io.staging import GONE, NEW, OLD, arriving, files_below, staging_folder
 
 DEFAULT_OUT = Path("treereg-out")
@@ -68,16 +68,16 @@ class OutputFolder:
         self._stack = ExitStack()
 
     def __enter__(self) -> Path:
+        check_place(self.path, self._inputs)
         try:
-            self._check_place()
             self._staging = self._stack.enter_context(staging_folder(self.path.absolute()))
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self.path, error) from error
         try:
             self._check_use()
         except OSError as error:
             self._stack.close()
-            raise self._unwritable(error) from error
+            raise unwritable(self.path, error) from error
         except BaseException:
             self._stack.close()
             raise
@@ -89,24 +89,12 @@ class OutputFolder:
             if isinstance(value, TreeregError) and str(self._staging) in str(value):  # where the file will never be
                 raise InputError(str(value).replace(str(self._staging / NEW), str(self.path))) from value
             if isinstance(value, OSError) and value.errno in REFUSED:
-                raise self._unwritable(value) from value
+                raise unwritable(self.path, value) from value
             if kind is None:
                 try:
                     self._arrive(self._staging)
                 except OSError as error:
-                    raise self._unwritable(error) from error
-
-    def _check_place(self) -> None:
-        """Refuse a place that cannot be one, before anything is made."""
-        try:
-            Path.cwd()
-        except FileNotFoundError:
-            raise UsageError("the current folder is no longer there; change into another one.") from None
-        if self.path.is_symlink() and not self.path.exists():
-            raise UsageError(f"{self.path} is a link to a folder that is not there; make it, or choose another folder.")
-        if self.path.exists() and not self.path.is_dir():
-            raise UsageError(f"{self.path} is a file, not a folder; choose another folder.")
-        check_apart(self.path, self._inputs)
+                    raise unwritable(self.path, error) from error
 
     def _check_use(self) -> None:
         """Refuse a folder that holds what must stay."""
@@ -170,17 +158,34 @@ class OutputFolder:
             if (old / name).exists():
                 os.replace(old / name, self.path / name)
 
-    def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f"{self.path} cannot be written ({reason(error)}); choose another folder.")
+
+def check_place(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Refuse a folder to write into that cannot be one, is an input folder or contains one, before any work.
+
+    Raises `UsageError`, and `InputError` where the system refuses.
+    """
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise UsageError("the current folder is no longer there; change into another one.") from None
+    try:
+        if path.is_symlink() and not path.exists():
+            raise UsageError(f"{path} is a link to a folder that is not there; make it, or choose another folder.")
+        if path.exists() and not path.is_dir():
+            raise UsageError(f"{path} is a file, not a folder; choose another folder.")
+        target = path.resolve()
+        for given in inputs:
+            folder = given.resolve()
+            if os.path.isdir(folder) and (folder == target or target in folder.parents):
+                raise UsageError(f"--out {path} is or contains the input folder {given}; choose another folder.")
+        check_writable(path)
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
-def check_apart(path: Path, inputs: Iterable[Path]) -> None:
-    """Raise `UsageError` when a folder to write into is an input folder, or contains one."""
-    target = path.resolve()
-    for given in inputs:
-        folder = given.resolve()
-        if os.path.isdir(folder) and (folder == target or target in folder.parents):
-            raise UsageError(f"--out {path} is or contains the input folder {given}; choose another folder.")
+def unwritable(path: Path, error: OSError) -> InputError:
+    """What to say of a folder that the system does not let us write into."""
+    return InputError(f"{path} cannot be written ({reason(error)}); choose another folder.")
 
 
 def _make_folder(folder: Path) -> list[Path]:

@@ -68,6 +68,7 @@ def place(capture: Capture, frame: Frame) -> Survey:
         visible=capture.files.visible,
         dem=capture.files.dem,
         outlines=Outlines.of(polygons[ids]),
+        stamps=capture.stamps,
     )
 
 

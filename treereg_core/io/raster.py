@@ -36,8 +36,6 @@ OFFLINE = {"CPL_VSIL_CURL_ALLOWED_FILENAME": "none"}
 """GDAL opens no address but one of this name, which there is not."""
 SILENT = logging.NullHandler()
 """What GDAL says beside its errors, as of a full disk, is logged and not printed in the midst of a command's words."""
-TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-"""How a TIFF begins."""
 
 
 @dataclass(frozen=True)
@@ -95,28 +93,41 @@ def open_raster(path: Path) -> Iterator[Any]:
     in the network, read. Raises `InputError` for any other, for one whose side files do that, and for one that claims
     more than can be worked on.
     """
-    from rasterio.io import DatasetReader
-
     with reading(path, "a raster"), quiet_gdal(**OFFLINE):
         _check_beside(path)
-        # rasterio.open takes no list of drivers, whatever it says
-        with DatasetReader(str(path), driver=list(DRIVERS)) as dataset:
-            if "OVERVIEW_FILE" in dataset.tags(ns="OVERVIEWS"):
-                raise InputError(f"{path} names another file as its overviews; export it again.")
+        with _alone(path, DRIVERS) as dataset:
             _check_size(path, dataset)
             yield dataset
 
 
+@contextmanager
+def _alone(path: Path, drivers: tuple[str, ...]) -> Iterator[Any]:
+    """A raster file of one of these formats, opened; `InputError` for one that names another as its overviews."""
+    from rasterio.io import DatasetReader
+
+    # rasterio.open takes no list of drivers, whatever it says
+    with DatasetReader(str(path), driver=list(drivers)) as dataset:
+        if dataset.tags(ns="OVERVIEWS"):
+            raise InputError(f"{path} names another file as its overviews; export it again.")
+        yield dataset
+
+
 def _check_beside(path: Path) -> None:
-    """Refuse what would have others opened: overviews and masks of another format, and a CRS that names a file."""
+    """Refuse what would have others opened: overviews and masks that do, and a CRS that names a file."""
+    from rasterio.errors import RasterioIOError
+
     check_beside(path)
-    for side in path.parent.glob(f"{escape(path.name)}.*"):
-        if side.suffix.lower() in (".ovr", ".msk") and side.is_file():
-            with side.open("rb") as file:
-                if file.read(4) not in TIFF:
-                    raise InputError(f"{side} is no TIFF; remove it, or make it again.")
-        if side.name.lower().endswith(".aux.xml") and side.is_file():
+    sides = [side for side in path.parent.glob(f"{escape(path.name)}.*") if side.is_file()]
+    for side in sides:
+        if side.name.lower().endswith(".aux.xml"):
             check_no_files(unescape(side.read_text(encoding="utf-8", errors="replace")), side)
+    for side in sides:
+        if side.suffix.lower() in (".ovr", ".msk"):
+            try:
+                with _alone(side, ("GTiff",)):
+                    pass
+            except RasterioIOError as error:
+                raise InputError(f"{side} is no TIFF; remove it, or make it again.") from error
 
 
 def read_raster(path: Path, fallback: tuple[str, FloatArray | None] | None = None) -> Raster:

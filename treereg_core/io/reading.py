@@ -13,6 +13,7 @@ from treereg_core.io.capture import Capture, capture_of, capture_of_table
 from treereg_core.io.crs import WGS84, crs_name, geocentric, is_true_metres, parse_crs, place_of, to_frame, zone_crs
 from treereg_core.io.place import place
 from treereg_core.io.raster import open_raster
+from treereg_core.io.unchanged import unchanged
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import FloatArray
 
@@ -26,10 +27,12 @@ def read_survey(folder: Path, *, frame: Frame | None = None, confidence_property
     """Read a survey folder into a working frame; without one, into the survey's own.
 
     The working CRS is that of the survey's rasters where it is projected and in true metres, else the UTM zone of its
-    trees. Unusable features are dropped with a warning. Raises `InputError` for anything that cannot be used.
+    trees. Unusable features are dropped with a warning. Raises `InputError` for anything that cannot be used, or that
+    changes meanwhile.
     """
     capture = capture_of(folder, confidence_property)
-    return place(capture, frame or own_frame(capture))
+    with unchanged(capture.stamps):
+        return place(capture, frame or own_frame(capture))
 
 
 def read_surveys(
@@ -51,8 +54,9 @@ def read_surveys(
     )
     if same_place:
         _check_same_place(fixed, moving)
-    frame = own_frame(fixed)
-    return place(fixed, frame), place(moving, frame)
+    with unchanged({**fixed.stamps, **moving.stamps}):
+        frame = own_frame(fixed)
+        return place(fixed, frame), place(moving, frame)
 
 
 def read_series(folders: Sequence[Path], *, confidence_property: str = "confidence") -> Iterator[Survey | InputError]:
@@ -62,13 +66,17 @@ def read_series(folders: Sequence[Path], *, confidence_property: str = "confiden
     first is raised.
     """
     first = capture_of(folders[0], confidence_property)
-    frame = own_frame(first)
-    yield place(first, frame)
+    with unchanged(first.stamps):
+        frame = own_frame(first)
+        survey = place(first, frame)
+    yield survey
     for folder in folders[1:]:
         try:
             capture = capture_of(folder, confidence_property)
             _check_same_place(first, capture)
-            yield place(capture, frame)
+            with unchanged(capture.stamps):
+                survey = place(capture, frame)
+            yield survey
         except InputError as error:
             yield error
 

@@ -27,8 +27,6 @@ def shapes(binary: list[bytes | None], path: Path) -> Shapes:
         raise InputError(
             f"{path} has geometry of an unknown kind ({error!s:.60}); export it without curves."
         ) from error
-    if hasattr(shapely, "has_m") and shapely.has_m(found).any():
-        raise InputError(f"{path} has measures (M) at its positions, which are not kept; export it without.")
     return np.asarray(found, dtype=object)
 
 
@@ -36,6 +34,8 @@ def move_shapes(geometry: Shapes, move: Callable[[FloatArray], FloatArray], path
     """The geometries with every position moved in the plane."""
     import shapely
 
+    if hasattr(shapely, "has_m") and shapely.has_m(geometry).any():
+        raise InputError(f"{path} has measures (M) at its positions, which are not kept; export it without.")
     xyz, owner = shapely.get_coordinates(geometry, include_z=True, return_index=True)
     if not np.isfinite(xyz[:, :2]).all():
         raise InputError(f"{path} has coordinates that are not finite numbers; mend or remove them.")

@@ -20,6 +20,7 @@ from hashlib import blake2b
 from pathlib import Path
 
 from treereg_core.errors import UsageError
+from treereg_core.io.files import nearest
 from treereg_core.io.lock import NoLocks, take
 
 PREFIX = ".treereg-staging-"
@@ -35,7 +36,7 @@ def staging_folder(target: Path) -> Iterator[Path]:
 
     Raises `UsageError` while another process has one for the same path, `OSError` when it cannot be made.
     """
-    base = next(folder for folder in (target, *target.parents) if folder.exists())
+    base = nearest(target)
     settle_left(base)
     place, lock = _held(base / f"{PREFIX}{_tag(target, base)}", target)
     try:

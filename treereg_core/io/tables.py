@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
-from treereg_core.io.crs import parse_crs
+from treereg_core.io.crs import WGS84, parse_crs
 from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
-from treereg_core.io.untrusted import check_geopackage, check_nesting, check_parquet
+from treereg_core.io.shapes import shapes
+from treereg_core.io.untrusted import check_geopackage, check_parquet, open_database
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -64,7 +67,8 @@ def read_table(path: Path, columns: list[str] | None = None) -> Table:
             raise InputError(f"{path} is not a GeoPackage, or is damaged; export it again.")
         with reading(path, "GeoPackage"), _quiet():
             check_geopackage(path)
-            return _geopackage(path, columns)
+            with _left_alone(path) as file:
+                return _geopackage(file, columns, path)
     if start[:4] != b"PAR1":
         raise InputError(f"{path} is not a Parquet file, or is damaged; export it again.")
     with reading(path, "GeoParquet"), _quiet():
@@ -81,8 +85,8 @@ def table_of(frame: GeoDataFrame, path: Path, columns: list[str] | None = None) 
     if geometry is None:
         raise InputError(f"{path} is a GeoDataFrame without a geometry column; name one with set_geometry.")
     # shapes beside the active geometry are no properties
-    shapes = [name for name in frame.columns if str(frame[name].dtype) == "geometry"]
-    named = [name for name in frame.columns if name not in shapes and (columns is None or name in columns)]
+    others = [name for name in frame.columns if str(frame[name].dtype) == "geometry"]
+    named = [name for name in frame.columns if name not in others and (columns is None or name in columns)]
     try:
         properties = pa.Table.from_pandas(pd.DataFrame(frame[named]), preserve_index=False)
     except (pa.ArrowException, TypeError, ValueError) as error:
@@ -107,20 +111,31 @@ def _quiet() -> Iterator[None]:
         yield
 
 
-def _geopackage(path: Path, columns: list[str] | None) -> Table:
-    import pyogrio
-    import shapely
+@contextmanager
+def _left_alone(path: Path) -> Iterator[Path]:
+    """A GeoPackage for GDAL to read: a copy of one whose log holds changes, which GDAL would write into it."""
+    log = Path(f"{path}-wal")
+    if not log.exists() or not log.stat().st_size:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        with closing(open_database(path)) as database, closing(sqlite3.connect(copy)) as other:
+            database.backup(other)
+        yield copy
 
-    layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
+
+def _geopackage(file: Path, columns: list[str] | None, path: Path) -> Table:
+    import pyogrio
+
+    layers = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
     if len(layers) != 1:
         found = f"the layers {', '.join(layers)}" if layers else "no layer with geometry"
         raise InputError(f"{path} holds {found}; keep exactly one layer of polygons.")
-    meta, table = pyogrio.raw.read_arrow(path, layer=layers[0], columns=columns, return_fids=True)
+    meta, table = pyogrio.raw.read_arrow(file, layer=layers[0], columns=columns, return_fids=True)
     fid, geometry = meta["fid_column"] or "OGC_FID", meta["geometry_name"] or "wkb_geometry"
-    binary = table.column(geometry).to_pylist()
-    check_nesting(binary, path)
     return Table(
-        geometry=np.asarray(shapely.from_wkb(np.array(binary, dtype=object))),
+        geometry=shapes(table.column(geometry).to_pylist(), path),
         properties=table.drop_columns([geometry, fid]),
         crs=parse_crs(meta["crs"], path) if meta["crs"] else None,
         ids=table.column(fid).to_pylist(),
@@ -136,11 +151,11 @@ def _geoparquet(path: Path, columns: list[str] | None) -> Table:
         raise InputError(f"{path} is Parquet without geometry; export it as GeoParquet.")
     meta = json.loads(schema.metadata[b"geo"])
     primary = meta["primary_column"]
-    if meta["columns"][primary].get("crs"):
-        parse_crs(json.dumps(meta["columns"][primary]["crs"]), path)
+    crs = parquet_crs(meta["columns"][primary], path)
     if meta["columns"][primary]["encoding"] == "WKB":
-        check_nesting(pq.read_table(path, columns=[primary]).column(0).to_pylist(), path)
-    frame = geopandas.read_parquet(path, columns=[primary])
+        geometry = shapes(pq.read_table(path, columns=[primary]).column(0).to_pylist(), path)
+    else:
+        geometry = np.asarray(geopandas.read_parquet(path, columns=[primary]).geometry.array, dtype=object)
     wanted = [
         name
         for name in schema.names
@@ -148,8 +163,10 @@ def _geoparquet(path: Path, columns: list[str] | None) -> Table:
         and not name.startswith("__index_level_")
         and (columns is None or name in columns)
     ]
-    return Table(
-        geometry=np.asarray(frame.geometry.array, dtype=object),
-        properties=pq.read_table(path, columns=wanted),
-        crs=frame.crs.to_2d() if frame.crs else None,
-    )
+    return Table(geometry=geometry, properties=pq.read_table(path, columns=wanted), crs=crs)
+
+
+def parquet_crs(column: dict[str, Any], path: Path) -> CRS | None:
+    """The CRS that the metadata of a geometry column name: WGS 84 where it names none, None where it is not known."""
+    crs = column.get("crs", WGS84)
+    return None if crs is None else parse_crs(crs if isinstance(crs, str) else json.dumps(crs), path)

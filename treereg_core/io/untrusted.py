@@ -18,14 +18,14 @@ LARGEST_TABLE = 16 * 2**30
 """A Parquet file that says it becomes more bytes when it is unpacked is refused."""
 MOST_ROWS = 50_000_000
 """So is one of more rows, which can be packed into nearly nothing."""
-BLANK = r"(?:\s|\ufeff|/\*.*?\*/|--[^\n]*\n)*"
-"""What SQLite allows between two words."""
+BLANK = r"(?>\s|\ufeff|/\*.*?\*/|--[^\n]*\n)*+"
+"""What SQLite allows between two words. Here and below nothing is tried twice, which could take for ever."""
 VIEW = re.compile(rf"CREATE{BLANK}(?:TEMP(?:ORARY)?{BLANK})?VIEW\b", re.IGNORECASE | re.DOTALL)
 VIRTUAL = re.compile(rf"CREATE{BLANK}VIRTUAL\b", re.IGNORECASE | re.DOTALL)
-NAME = r"""("(?:[^"]|"")*"|'(?:[^']|\'\')*'|\w+)"""
-INDEXES = re.compile(rf"CREATE\s+VIRTUAL\s+TABLE\s+{NAME}\s+USING\s+(rtree|fts[345])\b", re.IGNORECASE)
-RECURSIVE = re.compile(r"\bWITH\b.*\bAS\b.*\bSELECT\b", re.IGNORECASE | re.DOTALL)
-"""What computes without an end; SQLite does not ask for the word RECURSIVE."""
+NAME = r"""("(?:[^"]|"")*"|'(?:[^']|\'\')*'|`(?:[^`]|``)*`|\[[^\]]*\]|\w+)"""
+INDEXES = re.compile(rf"CREATE\s+VIRTUAL\s+TABLE\s+{NAME}\s+USING\s+(rtree|rtree_i32|fts[345])\b", re.IGNORECASE)
+RECURSIVE = re.compile(r"(?>.*?\bWITH\b)(?>.*?\bAS\b).*?\bSELECT\b", re.IGNORECASE | re.DOTALL)
+"""How a definition begins that computes without an end; SQLite does not ask for the word RECURSIVE."""
 STEPS, STEPS_PER_BYTE = 100_000_000, 4
 """So many steps of SQLite's may looking over a database take; an honest one takes less than a hundredth."""
 
@@ -47,6 +47,30 @@ def check_file_size(path: Path) -> None:
         raise InputError(f"{path} has {size / 1e9:,.0f} GB, too much to be true of an orchard; cut it to size.")
 
 
+def open_database(path: Path) -> sqlite3.Connection:
+    """A database, opened to be read; also where nothing can be made beside it, as its log of changes asks for.
+
+    Raises `InputError` for one that is held, or whose log cannot be read, and `sqlite3.Error` for a wrong one.
+    """
+    address = path.absolute().as_uri()
+    database = sqlite3.connect(f"{address}?mode=ro", uri=True)
+    try:
+        database.execute("SELECT 1 FROM sqlite_master")
+    except sqlite3.Error as error:
+        database.close()
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            raise InputError(f"{path} is in use by another program; close it there.") from error
+        if error.sqlite_errorcode not in (sqlite3.SQLITE_READONLY_DIRECTORY, sqlite3.SQLITE_CANTOPEN):
+            raise
+        log = Path(f"{path}-wal")
+        if log.exists() and log.stat().st_size:
+            raise InputError(
+                f"{log} cannot be read; copy it and {path.name} into a folder that can be written."
+            ) from error
+        database = sqlite3.connect(f"{address}?immutable=1", uri=True)
+    return database
+
+
 def check_geopackage(path: Path, views: bool = False) -> None:
     """Refuse a database whose content is computed, by views or other modules of SQLite, or whose pages are not sound.
 
@@ -55,13 +79,13 @@ def check_geopackage(path: Path, views: bool = False) -> None:
     """
     check_beside(path)
     check_file_size(path)
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+    with closing(open_database(path)) as database:
         database.set_progress_handler(lambda: 1, STEPS + STEPS_PER_BYTE * path.stat().st_size)
         # a definition may be stored as bytes, which SQLite reads as text
         for name, sql in database.execute("SELECT name, CAST(sql AS TEXT) FROM sqlite_master WHERE sql IS NOT NULL"):
             if VIRTUAL.match(sql) and not INDEXES.match(sql):
                 raise InputError(f"{path} has a virtual table ({name!a:.40}); export its layer to a new GeoPackage.")
-            if RECURSIVE.search(sql) or (VIEW.match(sql) and not views):
+            if RECURSIVE.match(sql) or (VIEW.match(sql) and not views):
                 raise InputError(f"{path} computes {name!a:.40} when it is read; export its layer to a new GeoPackage.")
         computed = database.execute(
             "SELECT name FROM gpkg_geometry_columns, pragma_table_xinfo(table_name) WHERE hidden > 1"

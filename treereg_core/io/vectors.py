@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
 from treereg_core.io import geojson
-from treereg_core.io.crs import WGS84, crs_name, parse_crs
+from treereg_core.io.crs import crs_name
 from treereg_core.io.files import collector_paused, read_json, reading
 from treereg_core.io.geopackage import move_geopackage
 from treereg_core.io.grid import Motion, moved
 from treereg_core.io.jsontext import json_line
 from treereg_core.io.shapefile import move_shapefile, shapefile_parts
 from treereg_core.io.shapes import move_shapes, shapes, to_wkb
+from treereg_core.io.tables import parquet_crs
 from treereg_core.io.untrusted import check_parquet
 from treereg_core.io.writing import complete_file, write_features
 from treereg_core.transform import FloatArray
@@ -105,8 +106,10 @@ def _move_geoparquet(path: Path, mover: Callable[[CRS], Move], folder: Path) -> 
         for name, column in meta["columns"].items():
             if column["encoding"] != "WKB":
                 raise InputError(f"{path} has geometry in {column['encoding']:.40}; export it with geometry as WKB.")
-            geometry = shapes(table.column(name).to_pylist(), path)
-            there = move_shapes(geometry, mover(_parquet_crs(column, path)), path)
+            crs = parquet_crs(column, path)
+            if crs is None:
+                raise InputError(f"{path} has no CRS; assign it.")
+            there = move_shapes(shapes(table.column(name).to_pylist(), path), mover(crs), path)
             at, field = table.schema.get_field_index(name), table.schema.field(name)
             table = table.set_column(at, field, pa.array(to_wkb(there), field.type))
             _bound(column, there)
@@ -114,16 +117,6 @@ def _move_geoparquet(path: Path, mover: Callable[[CRS], Move], folder: Path) -> 
         schema = table.schema.with_metadata(known | {b"geo": json.dumps(meta).encode()})
     with complete_file(folder / path.name) as file:
         pq.write_table(table.replace_schema_metadata(schema.metadata), file)
-
-
-def _parquet_crs(column: dict[str, Any], path: Path) -> CRS:
-    """The CRS of a geometry column: WGS 84 where none is given, and null where it is not known."""
-    if "crs" not in column:
-        return parse_crs(WGS84, path)
-    if column["crs"] is None:
-        raise InputError(f"{path} has no CRS; assign it.")
-    crs = column["crs"]
-    return parse_crs(crs if isinstance(crs, str) else json.dumps(crs), path)
 
 
 def _bound(column: dict[str, Any], geometry: NDArray[np.object_]) -> None:

@@ -24,9 +24,10 @@ def write_report(result: Result, folder: Path) -> tuple[str, ...]:
     """Write report-data.json and report.html beside the registration.json in `folder`; gives sentences for people.
 
     Whatever the verdict. An orthomosaic of which no preview can be made is left out, and a sentence says why. Raises
-    `InputError` when a file cannot be written.
+    `InputError` when a file cannot be written, and for surveys whose files are no longer those that were read.
     """
-    previews, warnings = _previews(result)
+    with io.unchanged(result.stamps):
+        previews, warnings = _previews(result)
     registration = io.read_json(folder / REGISTRATION)
     data = report_data(result, registration, previews, (*result.warnings, *warnings))
     io.write_text(folder / DATA, _lines(data))

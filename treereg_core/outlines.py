@@ -14,6 +14,9 @@ from treereg_core.features import IntArray, frozen_array
 if TYPE_CHECKING:
     from shapely import Geometry
 
+PART = 20_000
+"""So many polygons are taken apart at a time, which takes less memory."""
+
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
@@ -37,13 +40,20 @@ class Outlines:
     @classmethod
     def of(cls, polygons: Sequence[Geometry] | NDArray[Any]) -> Self:
         """The outlines of polygons and multipolygons, one for each tree, in the order of the trees."""
-        import shapely
+        starts = range(0, max(len(polygons), 1), PART)
+        xy, corners, tree = zip(*(_rings(polygons[start : start + PART], start) for start in starts), strict=True)
+        counts = np.concatenate(corners)
+        return cls(np.concatenate(xy), np.repeat(np.arange(len(counts)), counts), np.concatenate(tree))
 
-        parts, tree_of_part = shapely.get_parts(polygons, return_index=True)
-        rings, part_of_ring = shapely.get_rings(parts, return_index=True)
-        xy, ring = shapely.get_coordinates(rings, return_index=True)
-        outer = np.append(True, np.diff(part_of_ring) > 0)[: len(rings)]
-        turned = shapely.is_ccw(rings) != outer
-        first, last = np.searchsorted(ring, ring, "left"), np.searchsorted(ring, ring, "right") - 1
-        corner = np.arange(len(ring))
-        return cls(xy[np.where(turned[ring], first + last - corner, corner)], ring, tree_of_part[part_of_ring])
+
+def _rings(polygons: Sequence[Geometry] | NDArray[Any], first: int) -> tuple[NDArray[np.float32], IntArray, IntArray]:
+    """The corners of the rings of some polygons, how many each has, and its tree, of which `first` is the first."""
+    import shapely
+
+    parts, tree_of_part = shapely.get_parts(polygons, return_index=True)
+    rings, part_of_ring = shapely.get_rings(parts, return_index=True)
+    outer = np.append(True, np.diff(part_of_ring) > 0)[: len(rings)]
+    turned = shapely.is_ccw(rings) != outer
+    rings[turned] = shapely.reverse(rings[turned])
+    xy = shapely.get_coordinates(rings).astype(np.float32)
+    return xy, shapely.get_num_coordinates(rings), first + tree_of_part[part_of_ring]

@@ -280,7 +280,7 @@ def test_an_interrupted_run_leaves_nothing(field: Path, monkeypatch: pytest.Monk
     def interrupted(*_: object) -> bytes:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("treereg_core.io.writing.json_line", interrupted)
+    monkeypatch.setattr("treereg_core.io.geojson_writing.json_line", interrupted)
     assert main(["rows", "field", *ALLEYS, "-q"]) == 130
     assert sorted(path.name for path in Path().iterdir()) == ["field"]
 

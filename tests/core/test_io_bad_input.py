@@ -61,10 +61,10 @@ def test_folder_instead_of_file(tmp_path):
 def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
     folder = survey(tmp_path / "s")
 
-    def refuse(path):
+    def refuse(path, *_, **__):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
+    monkeypatch.setattr(Path, "open", refuse)
     refusal(folder, "raw-detections.geojson", "permission denied", "check")
 
 

@@ -230,7 +230,7 @@ def test_a_write_that_fails_leaves_the_memory_as_it_was(
     def refuse(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("treereg_core.io.writing.os.replace", refuse)
+    monkeypatch.setattr("treereg_core.io.complete.os.replace", refuse)
     result = register(*surveys(orchard), memory=tmp_path, seed=1)
     assert result.accepted
     assert "no space left" in result.warnings[0]

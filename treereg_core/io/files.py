@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,14 +131,17 @@ def _decoded(path: Path) -> str:
     return raw.decode(json.detect_encoding(raw))
 
 
-def read_json(path: Path) -> Any:
-    """The value in a JSON file. `InputError` for one that is missing, unreadable, cut off or nested too deeply."""
+def read_json(path: Path, hook: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
+    """The value in a JSON file. `InputError` for one that is missing, unreadable, cut off or nested too deeply.
+
+    `hook` is given the members of every object and says what stands for it.
+    """
     try:
         text = _decoded(path)
         if not text.strip():
             raise InputError(f"{path} is empty; export it again.")
         with collector_paused():
-            return json.loads(text)
+            return json.loads(text, object_pairs_hook=hook)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({reason(error)}); check the path and its permissions.") from error
     except json.JSONDecodeError as error:

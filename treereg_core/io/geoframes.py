@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from treereg_core.features import FeatureSet
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, crs_name, parse_crs
 from treereg_core.io.grid import Motion, moved
-from treereg_core.io.shapes import move_shapes
+from treereg_core.io.shapes import Shapes, move_shapes
 from treereg_core.io.writing import matched, source_features
 from treereg_core.judgement import Matches
 from treereg_core.method import Described
@@ -51,12 +52,9 @@ def registered_geoframe(
         return _points(source, motion, described, crs)
     target = _asked(crs) or motion.crs
     if source.table is None:
-        features, _, own = source_features(source)
-        properties = [feature.get("properties") for feature in features]
-        frame = geopandas.GeoDataFrame(
-            [item if isinstance(item, dict) else {} for item in properties],
-            geometry=geojson.geometries(features, source.detections),
-        )
+        _, own, each = source_features(source)
+        properties, geometry = zip(*each(partial(_rows, source.detections)), strict=True)
+        frame = geopandas.GeoDataFrame(list(chain.from_iterable(properties)), geometry=np.concatenate(geometry))
     else:
         frame, own = source.table.copy(), _crs_of(source.table) or WGS84
     move = partial(_moved, crs=own, motion=motion, target=target)
@@ -67,6 +65,12 @@ def registered_geoframe(
         column[source.features.ids] = values
         frame[name] = column
     return frame
+
+
+def _rows(path: Path, features: list[dict[str, Any]], first: int) -> tuple[list[dict[str, Any]], Shapes]:
+    """The properties and the geometry of features."""
+    properties = [feature.get("properties") for feature in features]
+    return [item if isinstance(item, dict) else {} for item in properties], geojson.geometries(features, first, path)
 
 
 def _points(source: Any, transform: Any, described: Described, crs: str | None) -> GeoDataFrame:

@@ -35,26 +35,37 @@ LARGEST = 1e300
 """A coordinate that is not smaller is no number to reckon with."""
 
 
-def features_of(document: Any, path: Path) -> list[dict[str, Any]]:
-    """The features of a GeoJSON document, each checked to be one; a lone feature or geometry counts as a collection."""
+def kind_of(document: Any, path: Path) -> str:
+    """The type of a GeoJSON document; `InputError` for what is none."""
     if not isinstance(document, dict) or not isinstance(document.get("type"), str):
         raise InputError(f"{path} is JSON but not GeoJSON; export the polygons as a GeoJSON FeatureCollection.")
-    kind = document["type"]
+    kind: str = document["type"]
+    if kind not in GEOMETRY_TYPES and kind not in ("Feature", "FeatureCollection"):
+        raise InputError(f"{path} has the type {kind!r:.60}, which is not GeoJSON; export a GeoJSON FeatureCollection.")
+    return kind
+
+
+def features_of(document: Any, path: Path) -> list[dict[str, Any]]:
+    """The features of a GeoJSON document, each checked to be one; a lone feature or geometry counts as a collection."""
+    kind = kind_of(document, path)
     if kind == "Feature":
         features: Any = [document]
-    elif kind in GEOMETRY_TYPES:
-        features = [{"type": "Feature", "properties": None, "geometry": document}]
     elif kind == "FeatureCollection":
         features = document.get("features")
     else:
-        raise InputError(f"{path} has the type {kind!r:.60}, which is not GeoJSON; export a GeoJSON FeatureCollection.")
+        features = [{"type": "Feature", "properties": None, "geometry": document}]
     if not isinstance(features, list):
         raise InputError(f"{path} has no list of features; export the polygons as a GeoJSON FeatureCollection.")
-    for i, feature in enumerate(features):
+    check_features(features, 0, path)
+    return features
+
+
+def check_features(features: list[Any], first: int, path: Path) -> None:
+    """Refuse what is no feature with a geometry or null; `first` is the number of the first one."""
+    for i, feature in enumerate(features, first):
         if not isinstance(feature, dict) or feature.get("type") != "Feature":
             raise InputError(f"{path}: item {i} (counted from 0) is not a GeoJSON Feature; mend or remove it.")
         _check_geometry(feature.get("geometry"), i, path)
-    return features
 
 
 def _check_geometry(geometry: Any, index: int, path: Path) -> None:
@@ -89,10 +100,10 @@ def crs_of(document: dict[str, Any], path: Path) -> CRS:
     return parse_crs(name, path)
 
 
-def geometries(features: list[dict[str, Any]], path: Path) -> NDArray[np.object_]:
+def geometries(features: list[dict[str, Any]], first: int, path: Path) -> NDArray[np.object_]:
     """The geometry of each feature as a shapely one, None where it has none. `InputError` names the first bad one.
 
-    Rings are closed; rings of fewer than three positions are left out.
+    `first` is the number of the first feature. Rings are closed; rings of fewer than three positions are left out.
     """
     import shapely
 
@@ -106,11 +117,11 @@ def geometries(features: list[dict[str, Any]], path: Path) -> NDArray[np.object_
         if geometry is None:
             continue
         if geometry["type"] not in ("Polygon", "MultiPolygon"):
-            result[i] = _other_geometry(geometry, i, path)
+            result[i] = _other_geometry(geometry, first + i, path)
             continue
         coordinates = geometry["coordinates"]
         for polygon in [coordinates] if geometry["type"] == "Polygon" else coordinates:
-            kept = _rings(polygon, i, path)
+            kept = _rings(polygon, first + i, path)
             if kept:
                 rings += kept
                 polygon_of_ring += [len(feature_of_polygon)] * len(kept)
@@ -119,7 +130,7 @@ def geometries(features: list[dict[str, Any]], path: Path) -> NDArray[np.object_
     if not rings:
         return result
     lengths = np.fromiter(map(len, rings), dtype=np.int64)
-    xy = _xy(list(chain.from_iterable(rings)), np.repeat(feature_of_ring, lengths), path)
+    xy = _xy(list(chain.from_iterable(rings)), first + np.repeat(feature_of_ring, lengths), path)
     linear_rings = shapely.linearrings(xy, indices=np.repeat(np.arange(len(rings)), lengths))
     polygons = shapely.polygons(linear_rings, indices=np.array(polygon_of_ring))
     filled, part_of, counts = np.unique(feature_of_polygon, return_inverse=True, return_counts=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from treereg_core.io.complete import complete_file
 from treereg_core.io.grid import Grid, Motion, moved
-from treereg_core.io.writing import complete_file
 
 POINTS = 4
 """Control points along each side of the raster."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from treereg_core.errors import InputError
 from treereg_core.io import geojson
 from treereg_core.io.crs import WGS84, converter, crs_name, parse_crs
-from treereg_core.io.files import collector_paused, read_json
+from treereg_core.io.feature_pieces import in_pieces
+from treereg_core.io.files import collector_paused
 from treereg_core.io.tables import read_table, table_of
 from treereg_core.transform import FloatArray
 
@@ -89,12 +91,15 @@ def _checked(path: Path, geometry: NDArray[np.object_], values: list[Any], crs: 
 
 
 def _read_geojson(path: Path, name: str | None) -> tuple[NDArray[np.object_], list[Any], CRS | None]:
-    with collector_paused():
-        document = read_json(path)
-        features = geojson.features_of(document, path)
+    def used(features: list[dict[str, Any]], first: int) -> tuple[NDArray[np.object_], list[Any]]:
         properties = [feature.get("properties") for feature in features]
         values = [item.get(name) if isinstance(item, dict) else None for item in properties]
-        return geojson.geometries(features, path), values, geojson.crs_of(document, path)
+        return geojson.geometries(features, first, path), values
+
+    with collector_paused():
+        document, found = in_pieces(path, used)
+    geometry, values = zip(*found, strict=True)
+    return np.concatenate(geometry), list(chain.from_iterable(values)), geojson.crs_of(document, path)
 
 
 def _read_table(path: Path, name: str | None) -> tuple[NDArray[np.object_], list[Any], CRS | None]:

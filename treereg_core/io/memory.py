@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from treereg_core.errors import InputError
+from treereg_core.io.complete import complete_file
 from treereg_core.io.files import check_writable, collector_paused, first_line, reason
 from treereg_core.io.jsontext import readable
 from treereg_core.io.lock import take_if_possible
 from treereg_core.io.staging import settle_left
-from treereg_core.io.writing import complete_file
 
 MEMORY = "memory.json"
 LOCK = ".lock"

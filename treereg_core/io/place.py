@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 LEAST_AREA_M2 = 1e-4
 AREA_STEP = 0.001
 FARTHEST_BOUNDARY_M = 2_000.0
+PART = 20_000
+"""So many geometries are worked on at a time."""
 MANY_UNKNOWN = 0.1
 """Share of the trees without a height that is worth a warning."""
 
@@ -37,8 +40,8 @@ def place(capture: Capture, frame: Frame) -> Survey:
 
     layer = capture.layer
     path = layer.path
-    polygons = shapely.transform(shapely.force_2d(layer.geometry), lambda xy: to_frame(xy, layer.crs, frame))
-    if not np.isfinite(shapely.get_coordinates(polygons)).all():
+    polygons = np.concatenate([_in_frame(part, layer.crs, frame) for part in _parts(layer.geometry)])
+    if not all(np.isfinite(shapely.get_coordinates(part)).all() for part in _parts(polygons)):
         raise InputError(f"{path} lies where {frame.crs:.40} cannot reach; give two surveys of one orchard.")
     polygons, usable, warnings = _usable(polygons, path)
     ids = np.flatnonzero(usable)
@@ -72,13 +75,25 @@ def place(capture: Capture, frame: Frame) -> Survey:
     )
 
 
+def _in_frame(geometry: NDArray[np.object_], crs: str, frame: Frame) -> NDArray[np.object_]:
+    import shapely
+
+    return np.asarray(shapely.transform(shapely.force_2d(geometry), lambda xy: to_frame(xy, crs, frame)))
+
+
+def _parts(geometry: NDArray[np.object_]) -> Iterator[NDArray[np.object_]]:
+    """Geometries some at a time, at least once: what is made of them for a while takes more memory than they do."""
+    return (geometry[start : start + PART] for start in range(0, max(len(geometry), 1), PART))
+
+
 def _digest(capture: Capture) -> str:
     """Of the outlines in the file's own CRS and the confidences: what a survey is known by."""
     import shapely
 
     digest = hashlib.blake2b(capture.layer.crs.encode(), digest_size=16)
-    for outline in shapely.to_wkb(shapely.force_2d(capture.layer.geometry)):
-        digest.update(outline or b"none")
+    for part in _parts(capture.layer.geometry):
+        for outline in shapely.to_wkb(shapely.force_2d(part)):
+            digest.update(outline or b"none")
     digest.update(capture.confidence.tobytes())
     return digest.hexdigest()
 
@@ -109,7 +124,8 @@ def _usable(
         polygons[i] = polygonal(polygons[i])
     flat = ~absent & ~(shapely.area(polygons) >= LEAST_AREA_M2)
     sound = np.flatnonzero(~absent & ~flat)
-    _, first = np.unique(shapely.to_wkb(shapely.normalize(polygons[sound])), return_index=True)
+    known_by = [shapely.to_wkb(shapely.normalize(part)) for part in _parts(polygons[sound])]
+    _, first = np.unique(np.concatenate(known_by), return_index=True)
     duplicate = np.zeros(len(polygons), dtype=bool)
     duplicate[sound] = True
     duplicate[sound[first]] = False

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from treereg_core.errors import InputError
+from treereg_core.io.complete import complete_file
 from treereg_core.io.crs import parse_crs
 from treereg_core.io.files import reading
 from treereg_core.io.untrusted import check_beside, check_file_size
-from treereg_core.io.writing import complete_file
 from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:

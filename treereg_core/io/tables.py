@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
 from treereg_core.io.crs import WGS84, parse_crs
+from treereg_core.io.feature_pieces import T, Use
 from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
 from treereg_core.io.shapes import shapes
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from geopandas import GeoDataFrame
     from pyproj import CRS
+
+PART = 20_000
+"""So many rows become features at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +46,17 @@ class Table:
         known = name in self.properties.column_names
         return self.properties.column(name).to_pylist() if known else [None] * len(self.geometry)
 
-    def features(self) -> list[dict[str, Any]]:
-        """Every row as a GeoJSON feature, in order, coordinates in `crs`."""
+    def in_pieces(self, use: Use[T]) -> list[T]:
+        """What `use` makes of the rows as GeoJSON features, some at a time, in order, coordinates in `crs`."""
+        starts = range(0, len(self.geometry), PART)
+        return [use(self._features(start, min(start + PART, len(self.geometry))), start) for start in starts]
+
+    def _features(self, start: int, end: int) -> list[dict[str, Any]]:
         import shapely
 
-        ids = [{}] * len(self.geometry) if self.ids is None else [{"id": i} for i in self.ids]
-        rows = self.properties.to_pylist() if self.properties.num_columns else [{}] * len(self.geometry)
+        ids = [{}] * (end - start) if self.ids is None else [{"id": i} for i in self.ids[start:end]]
+        properties = self.properties.slice(start, end - start)
+        rows = properties.to_pylist() if properties.num_columns else [{}] * (end - start)
         return [
             {
                 "type": "Feature",
@@ -55,7 +64,7 @@ class Table:
                 "properties": {key: plain(value) for key, value in row.items()},
                 "geometry": shape and json.loads(shape),
             }
-            for identity, row, shape in zip(ids, rows, shapely.to_geojson(self.geometry), strict=True)
+            for identity, row, shape in zip(ids, rows, shapely.to_geojson(self.geometry[start:end]), strict=True)
         ]
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from treereg_core.io.complete import complete_file
 from treereg_core.io.crs import from_frame
-from treereg_core.io.files import collector_paused
-from treereg_core.io.writing import complete_file, write_features
+from treereg_core.io.geojson_writing import write_columns
 from treereg_core.survey import Frame
 
 Columns = Mapping[str, np.ndarray[Any, Any]]
@@ -37,18 +37,8 @@ def write_tree_table(columns: Columns, crs: str, path: Path) -> None:
 def write_tree_points(columns: Columns, crs: str, path: Path) -> None:
     """Write the same as GeoJSON in WGS 84 with 9 decimals. Raises `InputError` when `path` cannot be written."""
     full = Frame(crs, (0.0, 0.0))
-    lonlat = np.round(from_frame(np.column_stack([columns["x"], columns["y"]]), full), 9).tolist()
-    with collector_paused():
-        lines = zip(*(_plain(column) for column in columns.values()), strict=True)
-        features = [
-            {
-                "type": "Feature",
-                "properties": dict(zip(columns, line, strict=True)),
-                "geometry": {"type": "Point", "coordinates": point},
-            }
-            for line, point in zip(lines, lonlat, strict=True)
-        ]
-        write_features(features, path)
+    lonlat = np.round(from_frame(np.column_stack([columns["x"], columns["y"]]), full), 9)
+    write_columns({name: _plain(column) for name, column in columns.items()}, "Point", lonlat, path)
 
 
 def _plain(column: np.ndarray[Any, Any]) -> list[Any]:

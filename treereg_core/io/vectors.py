@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -13,16 +14,19 @@ from numpy.typing import NDArray
 
 from treereg_core.errors import InputError
 from treereg_core.io import geojson
+from treereg_core.io.complete import complete_file
 from treereg_core.io.crs import crs_name
-from treereg_core.io.files import collector_paused, read_json, reading
+from treereg_core.io.feature_pieces import check_pieces, in_pieces
+from treereg_core.io.files import collector_paused, reading
+from treereg_core.io.geojson_writing import feature_lines, write_lines
 from treereg_core.io.geopackage import move_geopackage
 from treereg_core.io.grid import Motion, moved
+from treereg_core.io.json_pieces import NotInPieces, items_of, read_whole
 from treereg_core.io.jsontext import json_line
 from treereg_core.io.shapefile import move_shapefile, shapefile_parts
 from treereg_core.io.shapes import move_shapes, shapes, to_wkb
 from treereg_core.io.tables import parquet_crs
 from treereg_core.io.untrusted import check_parquet
-from treereg_core.io.writing import complete_file, write_features
 from treereg_core.transform import FloatArray
 
 if TYPE_CHECKING:
@@ -39,7 +43,11 @@ def is_vector(path: Path) -> bool:
 
 def holds_geojson(path: Path) -> bool:
     """Whether a JSON file calls itself GeoJSON. `InputError` for one that is not JSON."""
-    document = read_json(path)
+    document: Any = {}
+    try:
+        deque(items_of(path, "features", document), 0)
+    except NotInPieces:
+        document = read_whole(path)
     kind = document.get("type") if isinstance(document, dict) else None
     return kind in ("FeatureCollection", "Feature", *geojson.GEOMETRY_TYPES)
 
@@ -80,16 +88,22 @@ def _moved(crs: str, motion: Motion, path: Path, xy: FloatArray) -> FloatArray:
 
 
 def _move_geojson(path: Path, mover: Callable[[CRS], Move], folder: Path) -> None:
+    target = folder / path.name
     with collector_paused():
-        document = read_json(path)
-        features = geojson.features_of(document, path)
-        geojson.move(features, mover(geojson.crs_of(document, path)), path)
-        if document["type"] == "FeatureCollection":
-            rest = {key: item for key, item in document.items() if key not in ("type", "features", "bbox")}
-            write_features(features, folder / path.name, rest)
+        document = check_pieces(path)
+        move = mover(geojson.crs_of(document, path))
+        if document["type"] != "FeatureCollection":
+            geojson.move(geojson.features_of(document, path), move, path)
+            with complete_file(target) as file:
+                file.write(json_line({key: item for key, item in document.items() if key != "bbox"}) + b"\n")
             return
-        with complete_file(folder / path.name) as file:
-            file.write(json_line({key: item for key, item in document.items() if key != "bbox"}) + b"\n")
+
+        def written(features: list[dict[str, Any]], first: int) -> bytes:
+            geojson.move(features, move, path)
+            return feature_lines(features, target)
+
+        rest = {key: item for key, item in document.items() if key not in ("type", "features", "bbox")}
+        write_lines(in_pieces(path, written)[1], target, rest)
 
 
 def _move_geoparquet(path: Path, mover: Callable[[CRS], Move], folder: Path) -> None:

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from treereg_core.errors import InputError
 from treereg_core.features import FeatureSet
 from treereg_core.io import geojson
+from treereg_core.io.complete import complete_file
 from treereg_core.io.crs import WGS84, crs_name, from_frame, to_frame
-from treereg_core.io.files import DETECTIONS, SUFFIXES, collector_paused, read_json, reason
-from treereg_core.io.jsontext import json_line, readable
-from treereg_core.io.lock import NoLocks, hold
-from treereg_core.io.staging import PREFIX, settle_left
+from treereg_core.io.feature_pieces import T, Use, check_pieces, in_pieces
+from treereg_core.io.files import DETECTIONS, SUFFIXES, collector_paused, reason
+from treereg_core.io.geojson_writing import feature_lines, write_columns, write_features, write_lines
+from treereg_core.io.jsontext import readable
+from treereg_core.io.staging import settle_left
 from treereg_core.io.tables import read_table, table_of
 from treereg_core.judgement import Matches
 from treereg_core.method import Described
@@ -38,36 +37,45 @@ def write_registered(
     Raises `InputError` when that file changed beyond reading, or `path` cannot be written.
     """
 
+    first: list[FloatArray] = []  # of all positions: where it lies says which longitudes run on beyond 180 degrees
+
     def moved(xy: FloatArray) -> FloatArray:
-        return from_frame(transform(to_frame(xy, crs, source.frame)), source.frame)
+        first[:] = first or [xy[:1]]
+        there = transform(to_frame(np.concatenate([first[0], xy]), crs, source.frame))
+        return from_frame(there, source.frame)[1:]
 
-    with collector_paused():
-        features, members, crs = source_features(source)
+    def written(features: list[dict[str, Any]], number: int) -> bytes:
         geojson.move(features, moved, source.detections)
-        for name, values in (described or {}).items():
-            _add_property(features, name, dict(zip(source.features.ids.tolist(), _rounded(values), strict=True)))
-        write_features(features, path, members)
+        for name, values in known.items():
+            _add_property(features, number, name, values)
+        return feature_lines(features, path)
+
+    ids = source.features.ids.tolist()
+    known = {name: dict(zip(ids, _rounded(values), strict=True)) for name, values in (described or {}).items()}
+    with collector_paused():
+        members, crs, each = source_features(source)
+        write_lines(each(written), path, members)
 
 
-def source_features(source: Survey) -> tuple[list[dict[str, Any]], dict[str, Any], str]:
-    """A survey's features as GeoJSON, coordinates in its own CRS, further members of its file, and that CRS."""
+def source_features(source: Survey) -> tuple[dict[str, Any], str, Callable[[Use[T]], list[T]]]:
+    """Further members of a survey's file, its CRS, and what gives its features, in that CRS, to a use of them."""
     path = source.detections
     if source.table is not None or path.suffix != ".geojson":
         table = read_table(path) if source.table is None else table_of(source.table, path)
-        return table.features(), {}, crs_name(table.crs) if table.crs else WGS84
-    document = read_json(path)
-    features = geojson.features_of(document, path)
+        return {}, crs_name(table.crs) if table.crs else WGS84, table.in_pieces
+    document = check_pieces(path)
     outdated = {"type", "features", "crs", "bbox"}
     members = {key: item for key, item in document.items() if key not in outdated}
     collection = document["type"] == "FeatureCollection"
-    return features, members if collection else {}, crs_name(geojson.crs_of(document, path))
+    crs = crs_name(geojson.crs_of(document, path))
+    return members if collection else {}, crs, lambda use: in_pieces(path, use)[1]
 
 
-def _add_property(features: list[dict[str, Any]], name: str, values: Mapping[int, float]) -> None:
-    """Give every feature a property, in place: the value of its index, null where there is none."""
-    for index, feature in enumerate(features):
+def _add_property(features: list[dict[str, Any]], first: int, name: str, values: Mapping[int, float]) -> None:
+    """Give every feature a property, in place: the value of its number, null where there is none."""
+    for number, feature in enumerate(features, first):
         own = feature.get("properties")
-        feature["properties"] = {**(own if isinstance(own, dict) else {}), name: values.get(index)}
+        feature["properties"] = {**(own if isinstance(own, dict) else {}), name: values.get(number)}
 
 
 def _rounded(values: FloatArray) -> list[float]:
@@ -90,16 +98,7 @@ def write_matches(
     trees = surveys[0].features, surveys[1].features
     columns, lines = matched(trees, transform, matches, described)
     lonlat = np.round(from_frame(lines.reshape(-1, 2), surveys[0].frame), 9)
-    ends: Any = lonlat.reshape(lines.shape).tolist()
-    features = [
-        {
-            "type": "Feature",
-            "properties": dict(zip(columns, values, strict=True)),
-            "geometry": {"type": "LineString", "coordinates": line},
-        }
-        for line, *values in zip(ends, *columns.values(), strict=True)
-    ]
-    write_features(features, path)
+    write_columns(columns, "LineString", lonlat.reshape(lines.shape), path)
 
 
 def matched(
@@ -161,21 +160,6 @@ def is_survey_file(name: str) -> bool:
     return name in {stem + suffix for stem in (*DETECTIONS, "boundary") for suffix in SUFFIXES}
 
 
-def write_features(features: list[dict[str, Any]], path: Path, members: dict[str, Any] | None = None) -> None:
-    """Write GeoJSON features, one per line, with further members of the collection. `InputError` if it cannot be."""
-    with complete_file(path) as file:
-        try:
-            file.write(b'{\n"type": "FeatureCollection",\n')
-            for key, item in (members or {}).items():
-                file.write(json_line(key) + b": " + json_line(item) + b",\n")
-            file.write(b'"features": [')
-            for i, feature in enumerate(features):
-                file.write((b",\n" if i else b"\n") + json_line(feature))
-            file.write(b"\n]\n}\n")
-        except RecursionError as error:
-            raise InputError(f"{path} would be nested too deeply; remove the deep values from the source.") from error
-
-
 def write_json(path: Path, value: Any) -> None:
     """Write a JSON value for people to read: indented, short parts and rows of matrices on one line each.
 
@@ -190,31 +174,3 @@ def write_text(path: Path, text: str) -> None:
     """Write a text. `InputError` when `path` cannot be written."""
     with complete_file(path) as file:
         file.write(text.encode(errors="backslashreplace"))
-
-
-@contextmanager
-def complete_file(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write that takes its name only when it is complete; nothing is left behind otherwise."""
-    try:
-        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=PREFIX)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            with suppress(NoLocks):  # held, it is known not to be left over
-                hold(descriptor)
-            yield file
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException as error:
-        Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise InputError(f"{path} cannot be written ({reason(error)}); choose another place.") from error
-        raise
-
-
-def _umask() -> int:
-    """The process's mask of permissions; a temporary file is private, a finished one should be as any other."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

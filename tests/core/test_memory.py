@@ -217,7 +217,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
         raise PermissionError(13, "Permission denied")
 
     (tmp_path / "kept").mkdir()
-    monkeypatch.setattr("treereg_core.io.memory.tempfile.TemporaryFile", refuse)
+    monkeypatch.setattr("treereg_core.io.files.tempfile.TemporaryFile", refuse)
     expect_refusal(tmp_path, "cannot be written (permission denied), so nothing could be learned", capsys)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -122,13 +122,16 @@ def batch(
             workers = cluster(scheduler, plan.plugins, place, limits)
         else:
             workers = local(min(jobs or os.cpu_count() or 1, max(1, len(left))), limits)
-        try:
-            with workers as found:
-                for outcome in told(run_batch(left, found), len(left)):
-                    outcomes[outcome.orchard] = outcome
-        finally:  # some may have been done while the others were ended
-            every = [outcomes.get(order.orchard) or order.done or waiting(order) for order in orders]
+        every: list[Outcome] = []
+
+        def sum_up() -> None:
+            every.extend(outcomes.get(order.orchard) or order.done or waiting(order) for order in orders)
             write_summary(orders, every, out)
+
+        with ExitStack() as at_last, workers as found:
+            at_last.callback(sum_up)  # when the workers have ended: some orchards may be done meanwhile
+            for outcome in told(run_batch(left, found), len(left)):
+                outcomes[outcome.orchard] = outcome
     console.show(summary(every, out))
     return 0 if all(outcome.verdict is Word.ACCEPTED for outcome in every) else 3
 

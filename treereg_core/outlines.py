@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from treereg_core.features import IntArray, frozen_array
+from treereg_core.parts import parts
 
 if TYPE_CHECKING:
     from shapely import Geometry
-
-PART = 20_000
-"""So many polygons are taken apart at a time, which takes less memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +38,8 @@ class Outlines:
     @classmethod
     def of(cls, polygons: Sequence[Geometry] | NDArray[Any]) -> Self:
         """The outlines of polygons and multipolygons, one for each tree, in the order of the trees."""
-        starts = range(0, max(len(polygons), 1), PART)
-        xy, corners, tree = zip(*(_rings(polygons[start : start + PART], start) for start in starts), strict=True)
+        taken = (_rings(polygons[part], part.start) for part in parts(len(polygons)))
+        xy, corners, tree = zip(*taken, strict=True)
         counts = np.concatenate(corners)
         return cls(np.concatenate(xy), np.repeat(np.arange(len(counts)), counts), np.concatenate(tree))
 
@@ -50,8 +48,8 @@ def _rings(polygons: Sequence[Geometry] | NDArray[Any], first: int) -> tuple[NDA
     """The corners of the rings of some polygons, how many each has, and its tree, of which `first` is the first."""
     import shapely
 
-    parts, tree_of_part = shapely.get_parts(polygons, return_index=True)
-    rings, part_of_ring = shapely.get_rings(parts, return_index=True)
+    each, tree_of_part = shapely.get_parts(polygons, return_index=True)
+    rings, part_of_ring = shapely.get_rings(each, return_index=True)
     outer = np.append(True, np.diff(part_of_ring) > 0)[: len(rings)]
     turned = shapely.is_ccw(rings) != outer
     rings[turned] = shapely.reverse(rings[turned])

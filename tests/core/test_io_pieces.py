@@ -12,16 +12,14 @@ import pytest
 import shapely
 from io_files import CRS, ORIGIN, collection, feature, grid, polygon, raw, square, survey, table, trees
 
-from treereg_core import outlines
+from treereg_core import parts
 from treereg_core.errors import InputError
 from treereg_core.io import (
     Motion,
     holds_geojson,
     json_pieces,
     move_vector,
-    place,
     read_survey,
-    tables,
     write_registered,
 )
 from treereg_core.io.layer import read_layer
@@ -35,7 +33,7 @@ MOTION = Rigid.turn(20, shift=(7, -4))
 def in_small_pieces(monkeypatch, size):
     monkeypatch.setattr(json_pieces, "PIECE", size)
     monkeypatch.setattr(json_pieces, "ENOUGH", size)
-    monkeypatch.setattr(tables, "PART", 2)
+    monkeypatch.setattr(parts, "PART", 2)
 
 
 def some():
@@ -102,8 +100,7 @@ def test_the_survey_does_not_depend_on_the_pieces(tmp_path, monkeypatch):
     features[8]["geometry"]["coordinates"][0].reverse()
     folder = survey(tmp_path / "s", [*features, features[9]])
     whole = read_survey(folder)
-    monkeypatch.setattr(outlines, "PART", 3)
-    monkeypatch.setattr(place, "PART", 3)
+    monkeypatch.setattr(parts, "PART", 3)
     found = read_survey(folder)
     assert (found.digest, found.warnings, found.count) == (whole.digest, whole.warnings, whole.count)
     for name in ("xy", "ring", "tree"):

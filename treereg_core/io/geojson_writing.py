@@ -11,10 +11,8 @@ from treereg_core.errors import InputError
 from treereg_core.io.complete import complete_file
 from treereg_core.io.files import collector_paused
 from treereg_core.io.jsontext import json_line
+from treereg_core.parts import parts
 from treereg_core.transform import FloatArray
-
-PART = 20_000
-"""So many features are made of columns at a time."""
 
 
 def write_columns(columns: Mapping[str, list[Any]], kind: str, coordinates: FloatArray, path: Path) -> None:
@@ -23,8 +21,7 @@ def write_columns(columns: Mapping[str, list[Any]], kind: str, coordinates: Floa
     `coordinates` (n, ...) are those of each geometry; few are made lists of at a time.
     """
 
-    def some(start: int) -> bytes:
-        part = slice(start, start + PART)
+    def some(part: slice) -> bytes:
         shapes: Any = coordinates[part].tolist()
         features = [
             {
@@ -37,7 +34,7 @@ def write_columns(columns: Mapping[str, list[Any]], kind: str, coordinates: Floa
         return feature_lines(features, path)
 
     with collector_paused():
-        write_lines(map(some, range(0, len(coordinates), PART)), path)
+        write_lines(map(some, parts(len(coordinates))), path)
 
 
 def write_features(features: list[dict[str, Any]], path: Path, members: Mapping[str, Any] | None = None) -> None:
@@ -51,7 +48,7 @@ def feature_lines(features: list[dict[str, Any]], path: Path) -> bytes:
         return b",\n".join(map(json_line, features))
 
 
-def write_lines(parts: Iterable[bytes], path: Path, members: Mapping[str, Any] | None = None) -> None:
+def write_lines(lines: Iterable[bytes], path: Path, members: Mapping[str, Any] | None = None) -> None:
     """Write what `feature_lines` made, with further members of the collection. `InputError` if it cannot be."""
     with complete_file(path) as file:
         file.write(b'{\n"type": "FeatureCollection",\n')
@@ -59,7 +56,7 @@ def write_lines(parts: Iterable[bytes], path: Path, members: Mapping[str, Any] |
             for key, item in (members or {}).items():
                 file.write(json_line(key) + b": " + json_line(item) + b",\n")
         file.write(b'"features": [')
-        for i, part in enumerate(filter(None, parts)):
+        for i, part in enumerate(filter(None, lines)):
             file.write((b",\n" if i else b"\n") + part)
         file.write(b"\n]\n}\n")
 

@@ -19,6 +19,7 @@ from treereg_core.io.heights import read_heights
 from treereg_core.io.layer import Layer
 from treereg_core.io.polygons import polygonal
 from treereg_core.outlines import Outlines
+from treereg_core.parts import parts
 from treereg_core.survey import Frame, Survey
 from treereg_core.transform import FloatArray
 
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 LEAST_AREA_M2 = 1e-4
 AREA_STEP = 0.001
 FARTHEST_BOUNDARY_M = 2_000.0
-PART = 20_000
-"""So many geometries are worked on at a time."""
 MANY_UNKNOWN = 0.1
 """Share of the trees without a height that is worth a warning."""
 
@@ -82,8 +81,8 @@ def _in_frame(geometry: NDArray[np.object_], crs: str, frame: Frame) -> NDArray[
 
 
 def _parts(geometry: NDArray[np.object_]) -> Iterator[NDArray[np.object_]]:
-    """Geometries some at a time, at least once: what is made of them for a while takes more memory than they do."""
-    return (geometry[start : start + PART] for start in range(0, max(len(geometry), 1), PART))
+    """Geometries some at a time, at least once."""
+    return (geometry[part] for part in parts(len(geometry)))
 
 
 def _digest(capture: Capture) -> str:

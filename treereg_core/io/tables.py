@@ -22,14 +22,12 @@ from treereg_core.io.files import first_line, reading
 from treereg_core.io.jsontext import plain
 from treereg_core.io.shapes import shapes
 from treereg_core.io.untrusted import check_geopackage, check_parquet, open_database
+from treereg_core.parts import parts
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from geopandas import GeoDataFrame
     from pyproj import CRS
-
-PART = 20_000
-"""So many rows become features at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +46,15 @@ class Table:
 
     def in_pieces(self, use: Use[T]) -> list[T]:
         """What `use` makes of the rows as GeoJSON features, some at a time, in order, coordinates in `crs`."""
-        starts = range(0, len(self.geometry), PART)
-        return [use(self._features(start, min(start + PART, len(self.geometry))), start) for start in starts]
+        return [use(self._features(part), part.start) for part in parts(len(self.geometry))]
 
-    def _features(self, start: int, end: int) -> list[dict[str, Any]]:
+    def _features(self, part: slice) -> list[dict[str, Any]]:
         import shapely
 
-        ids = [{}] * (end - start) if self.ids is None else [{"id": i} for i in self.ids[start:end]]
-        properties = self.properties.slice(start, end - start)
-        rows = properties.to_pylist() if properties.num_columns else [{}] * (end - start)
+        geometry = self.geometry[part]
+        ids = [{}] * len(geometry) if self.ids is None else [{"id": i} for i in self.ids[part]]
+        properties = self.properties.slice(part.start, len(geometry))
+        rows = properties.to_pylist() if properties.num_columns else [{}] * len(geometry)
         return [
             {
                 "type": "Feature",
@@ -64,7 +62,7 @@ class Table:
                 "properties": {key: plain(value) for key, value in row.items()},
                 "geometry": shape and json.loads(shape),
             }
-            for identity, row, shape in zip(ids, rows, shapely.to_geojson(self.geometry[start:end]), strict=True)
+            for identity, row, shape in zip(ids, rows, shapely.to_geojson(geometry), strict=True)
         ]
 
 

@@ -8,7 +8,6 @@ import pickle
 import sqlite3
 import struct
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -204,16 +203,13 @@ def test_a_geopackage_that_computes_its_content(statement: str, words: str, tmp_
 @pytest.mark.parametrize(
     "statement",
     [
-        entry("trigger", "t", "CREATE" + 24 * "/**/" + "TRIGGER t AFTER UPDATE ON trees BEGIN SELECT 1; END"),
-        f"CREATE TABLE t (x /* {600 * 'with '}{600 * 'as '} */)",
+        entry("trigger", "t", "CREATE" + 60 * "/**/" + "TRIGGER t AFTER UPDATE ON trees BEGIN SELECT 1; END"),
+        f"CREATE TABLE t (x /* {30_000 * 'with '}{30_000 * 'as '} */)",
     ],
 )
 def test_a_definition_is_looked_over_at_once(statement: str, tmp_path: Path) -> None:
-    """A word more must not take twice the time."""
-    path = geopackage(tmp_path / "raw-detections.gpkg", statement)
-    begun = time.process_time()
-    check_geopackage(path)
-    assert time.process_time() - begun < 1
+    """Where each word more takes as long as all before, this does not end."""
+    check_geopackage(geopackage(tmp_path / "raw-detections.gpkg", statement))
 
 
 @pytest.mark.parametrize("virtual", ["[other one]", "`other one`", '"other one"', "other"])
@@ -345,9 +341,8 @@ def test_a_crs_names_no_file(crs: str, tmp_path: Path) -> None:
 
 
 def test_a_crs_is_looked_over_at_once(tmp_path: Path) -> None:
-    begun = time.process_time()
-    check_no_files(20_000 * "init=", tmp_path / "a.geojson")
-    assert time.process_time() - begun < 1
+    """In time that grows with the square of the text, this does not end."""
+    check_no_files(2_000_000 * "init=", tmp_path / "a.geojson")
 
 
 class Harmful:
